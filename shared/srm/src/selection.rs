@@ -1,0 +1,227 @@
+//! Choices by frames that the solve never saw: the weight of D's prior, and which segments are shiny.
+
+use crate::joint::{DiffuseTreatment, JointSettings, Solution, row_residual};
+use crate::problem::{Problem, Rgb, SrmError};
+use crate::rows::Rows;
+use geometry::PanoramaSize;
+use std::collections::BTreeMap;
+
+/// Rows for solving and rows for judging, cut by frame.
+#[derive(Clone, Debug)]
+pub struct Split {
+    /// Rows of frames that are solved from.
+    pub fit: Rows,
+    /// Rows of frames that judge.
+    pub judge: Rows,
+}
+
+/// Frames in one block of consecutive held-out frames: neighbours are alike, so single frames judge
+/// interpolation only.
+pub const BLOCK_LENGTH: usize = 4;
+
+/// One block in this many is held out.
+pub const BLOCK_PERIOD: usize = 5;
+
+/// Cuts rows by blocks of consecutive frames: blocks 2, 7, 12 … judge.
+pub fn split_by_frames(rows: &Rows) -> Split {
+    let frames = rows.frames();
+    let held: std::collections::BTreeSet<u32> = frames
+        .iter()
+        .enumerate()
+        .filter(|(position, _)| (position / BLOCK_LENGTH) % BLOCK_PERIOD == BLOCK_PERIOD / 2)
+        .map(|(_, frame)| *frame)
+        .collect();
+    Split {
+        fit: rows.filtered(|row| !held.contains(&row.frame)),
+        judge: rows.filtered(|row| held.contains(&row.frame)),
+    }
+}
+
+/// Held-out error of one model on one segment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HeldOut {
+    /// Mean of |r|/√(1 + (|r|/scale)²)-like robust cost, luminance, over judged rows.
+    pub error: f64,
+    /// 1.4826 · median |r|.
+    pub sigma: f64,
+    /// Judged rows.
+    pub count: usize,
+    /// Error by frame, for the spread between frames.
+    pub by_frame: BTreeMap<u32, f64>,
+}
+
+/// Judges unknowns on rows, segment by segment. Rows whose vertices were not seen in the fit say nothing
+/// of the model and are left out (`known_vertices`).
+pub fn held_out(
+    problem: &Problem,
+    judge: &Rows,
+    unknowns: &[Rgb],
+    known_vertices: &[bool],
+    residual_scale: f64,
+) -> BTreeMap<u16, HeldOut> {
+    let mut residuals: BTreeMap<u16, Vec<(u32, f64)>> = BTreeMap::new();
+    for row in judge.iter() {
+        if row.vertices.iter().all(|&v| known_vertices[v as usize]) {
+            let residual = row_residual(row, problem.predict(row, unknowns)).abs();
+            residuals.entry(row.segment).or_default().push((row.frame, residual));
+        }
+    }
+    residuals
+        .into_iter()
+        .map(|(segment, values)| {
+            let cost = |r: f64| residual_scale * ((1.0 + (r / residual_scale).powi(2)).sqrt() - 1.0);
+            let count = values.len();
+            let error = values.iter().map(|(_, r)| cost(*r)).sum::<f64>() / count as f64;
+            let mut frames: BTreeMap<u32, (f64, f64)> = BTreeMap::new();
+            for (frame, r) in &values {
+                let entry = frames.entry(*frame).or_default();
+                entry.0 += cost(*r);
+                entry.1 += 1.0;
+            }
+            let by_frame = frames.into_iter().map(|(frame, (sum, n))| (frame, sum / n)).collect();
+            let mut absolute: Vec<f64> = values.iter().map(|(_, r)| *r).collect();
+            let sigma = geometry::robust::MAD_TO_SIGMA
+                * geometry::robust::median(&mut absolute).unwrap_or(f64::INFINITY);
+            (segment, HeldOut { error, sigma, count, by_frame })
+        })
+        .collect()
+}
+
+/// Vertices that at least one fit row touches.
+pub fn known_vertices(problem: &Problem) -> Vec<bool> {
+    let mut known = vec![false; problem.vertex_count()];
+    for row in problem.rows().iter() {
+        for &vertex in &row.vertices {
+            known[vertex as usize] = true;
+        }
+    }
+    known
+}
+
+/// One tried weight of D's prior.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WeightTrial {
+    /// Pull of D to zero.
+    pub weight: f64,
+    /// Held-out error over all segments.
+    pub error: f64,
+    /// Held-out residual, luminance.
+    pub sigma: f64,
+}
+
+/// A segment that was judged.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SegmentVerdict {
+    /// The segment.
+    pub segment: u16,
+    /// Held-out error of D alone.
+    pub diffuse_error: f64,
+    /// Held-out error of D and S together.
+    pub joint_error: f64,
+    /// Judged rows.
+    pub count: usize,
+    /// Whether the segment keeps S.
+    pub is_specular: bool,
+}
+
+/// S must lower the held-out error of a segment by at least this share …
+pub const LEAST_GAIN: f64 = 0.1;
+
+/// … and in at least this share of the held-out frames, so that one lucky frame does not decide …
+pub const LEAST_FRAME_SHARE: f64 = 0.7;
+
+/// … and by more than this, linear radiance: less than a third of an 8-bit step is no evidence.
+pub const LEAST_ERROR_DROP: f64 = 1e-4;
+
+/// Decides for each segment whether S lowers its held-out error against D alone.
+pub fn judge_segments(
+    alone: &BTreeMap<u16, HeldOut>,
+    joint: &BTreeMap<u16, HeldOut>,
+) -> Vec<SegmentVerdict> {
+    alone
+        .iter()
+        .filter_map(|(segment, diffuse)| {
+            let together = joint.get(segment)?;
+            let better_frames = diffuse
+                .by_frame
+                .iter()
+                .filter(|(frame, error)| together.by_frame.get(frame).is_some_and(|e| e < error))
+                .count();
+            let frame_share = better_frames as f64 / diffuse.by_frame.len().max(1) as f64;
+            let is_specular = together.error < (1.0 - LEAST_GAIN) * diffuse.error
+                && frame_share >= LEAST_FRAME_SHARE
+                && diffuse.error - together.error > LEAST_ERROR_DROP;
+            Some(SegmentVerdict {
+                segment: *segment,
+                diffuse_error: diffuse.error,
+                joint_error: together.error,
+                count: diffuse.count,
+                is_specular,
+            })
+        })
+        .collect()
+}
+
+/// Result of the choices.
+#[derive(Clone, Debug)]
+pub struct Choice {
+    /// Tried weights in order.
+    pub trials: Vec<WeightTrial>,
+    /// The chosen weight.
+    pub weight: f64,
+    /// Verdict of every segment.
+    pub segments: Vec<SegmentVerdict>,
+    /// Held-out residual of the chosen model over specular segments, luminance.
+    pub held_out_sigma: f64,
+}
+
+/// Solves the fit rows for each weight, judges on the held-out frames, and decides weight and segments.
+///
+/// `weights` must not be empty; ties go to the larger weight (a darker D, the stated gauge).
+pub fn choose(
+    rows: &Rows,
+    vertex_count: usize,
+    panorama: PanoramaSize,
+    settings: &JointSettings,
+    weights: &[f64],
+) -> Result<Choice, SrmError> {
+    let Split { fit, judge } = split_by_frames(rows);
+    if judge.is_empty() {
+        return Err(SrmError::NoRows);
+    }
+    let problem = Problem::new(fit, vertex_count, panorama)?;
+    let known = known_vertices(&problem);
+    let scale = settings.residual_scale;
+    let judged = |solution: &Solution| held_out(&problem, &judge, &solution.unknowns, &known, scale);
+    let alone = problem.solve(&JointSettings { diffuse: DiffuseTreatment::Alone, ..settings.clone() });
+    let alone = judged(&alone);
+    let mut trials = Vec::new();
+    let mut best: Option<(f64, f64, BTreeMap<u16, HeldOut>)> = None;
+    for &weight in weights {
+        let diffuse = DiffuseTreatment::PulledToZero { weight };
+        let solution = problem.solve(&JointSettings { diffuse, ..settings.clone() });
+        let joint = judged(&solution);
+        let (error, sigma) = pooled(&joint, |_| true);
+        trials.push(WeightTrial { weight, error, sigma });
+        if best.as_ref().is_none_or(|(least, _, _)| error <= *least) {
+            best = Some((error, weight, joint));
+        }
+    }
+    let (_, weight, joint) = best.ok_or(SrmError::NoRows)?;
+    let segments = judge_segments(&alone, &joint);
+    let specular = |segment: u16| segments.iter().any(|s| s.segment == segment && s.is_specular);
+    let (_, held_out_sigma) = pooled(&joint, specular);
+    Ok(Choice { trials, weight, segments, held_out_sigma })
+}
+
+/// Error and σ over segments, weighted by their rows.
+fn pooled(by_segment: &BTreeMap<u16, HeldOut>, keep: impl Fn(u16) -> bool) -> (f64, f64) {
+    let mut count = 0.0;
+    let (mut error, mut sigma) = (0.0, 0.0);
+    for (_, judged) in by_segment.iter().filter(|(segment, _)| keep(**segment)) {
+        count += judged.count as f64;
+        error += judged.error * judged.count as f64;
+        sigma += judged.sigma * judged.count as f64;
+    }
+    if count > 0.0 { (error / count, sigma / count) } else { (f64::INFINITY, f64::INFINITY) }
+}
