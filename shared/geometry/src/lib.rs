@@ -13,7 +13,7 @@
 //! ```
 //!
 //! Map: [`pose`] rigid motion in f64 · [`rotation`] SO(3) maps and interpolation · [`camera`] intrinsics
-//! and distortion · [`panorama`] directions and texels · [`direction`] angles, bases, mirror reflection ·
+//! · [`distortion`] of lenses · [`panorama`] directions and texels · [`direction`] angles, bases, mirror reflection ·
 //! [`robust`] medians and scales.
 //!
 //! Invariants: no allocation per call except in [`robust`]; a value that exists is valid (a [`Pose`] is
@@ -21,6 +21,7 @@
 
 pub mod camera;
 pub mod direction;
+pub mod distortion;
 pub mod panorama;
 pub mod pose;
 pub mod robust;

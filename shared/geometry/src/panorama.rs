@@ -63,8 +63,11 @@ impl PanoramaSize {
         DVec2::new(x, y)
     }
 
-    /// The row-major index of the texel that holds a direction.
+    /// The row-major index of the texel that holds a direction of any nonzero length.
+    ///
+    /// The direction must be finite: there is no index to say otherwise (checked in debug builds).
     pub fn index_from_direction(self, direction: DVec3) -> usize {
+        debug_assert!(direction.is_finite(), "a direction is finite");
         let texel = self.texel_from_direction(direction);
         let (width, height) = (i64::from(self.width()), i64::from(self.height));
         let column = ((texel.x + 0.5).floor() as i64).rem_euclid(width);
@@ -72,14 +75,20 @@ impl PanoramaSize {
         (row * width + column) as usize
     }
 
-    /// The four bilinear taps of a direction. Columns wrap; a tap beyond a pole is the same row half a
-    /// turn on; exactly at a pole the value is shared by opposite columns (hard-cases F03, F04).
+    /// The four bilinear taps of a direction of any nonzero length. Columns wrap; a tap beyond a pole is
+    /// the same row half a turn on; exactly at a pole the value is shared by opposite columns (hard-cases
+    /// F03, F04). For a direction that is not finite the weights are NaN.
     pub fn taps(self, direction: DVec3) -> Taps {
         let texel = self.texel_from_direction(direction);
         let (x0, y0) = (texel.x.floor(), texel.y.floor());
         let (fx, fy) = ((texel.x - x0) as f32, (texel.y - y0) as f32);
         let (x0, y0) = (x0 as i64, y0 as i64);
-        let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
+        let weights = [
+            (1.0 - fx) * (1.0 - fy),
+            fx * (1.0 - fy),
+            (1.0 - fx) * fy,
+            fx * fy,
+        ];
         let texels = [
             self.wrap(x0, y0),
             self.wrap(x0 + 1, y0),
@@ -103,7 +112,7 @@ impl PanoramaSize {
         index as u32
     }
 
-    /// The solid angle of a texel of row `row`, steradians; all texels sum to 4π (hard-cases F05).
+    /// The solid angle of a texel of row `row`, below `height`, steradians; all texels sum to 4π (hard-cases F05).
     ///
     /// In the product form, because the difference of cosines cancels at the poles.
     pub fn solid_angle(self, row: u32) -> f64 {

@@ -32,7 +32,9 @@ impl std::fmt::Display for PoseError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::NotFinite => write!(f, "the pose holds a value that is not a number"),
-            Self::NotRigid { orthogonality_error } => write!(
+            Self::NotRigid {
+                orthogonality_error,
+            } => write!(
                 f,
                 "the rotation is not orthonormal (largest entry of RtR - I is {orthogonality_error:.3e})"
             ),
@@ -49,31 +51,56 @@ impl std::error::Error for PoseError {}
 /// 7-Scenes files are off by 1.8e-4 (measured); a scale of 1 % gives 2e-2 and is refused (A06).
 pub const LARGEST_ORTHOGONALITY_ERROR: f64 = 5e-3;
 
+/// Largest component below which a quaternion is rounding noise, not a rotation.
+const SHORTEST_QUATERNION: f64 = 1e-9;
+
 impl Pose {
     /// The transform that changes nothing.
-    pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, translation: DVec3::ZERO };
+    pub const IDENTITY: Self = Self {
+        rotation: DQuat::IDENTITY,
+        translation: DVec3::ZERO,
+    };
 
     /// From a quaternion of any nonzero length and a translation in metres.
     pub fn new(rotation: DQuat, translation: DVec3) -> Result<Self, PoseError> {
         if !rotation.is_finite() || !translation.is_finite() {
             return Err(PoseError::NotFinite);
         }
-        let length = rotation.length();
-        if length < 1e-9 {
+        // By the largest component first: the square of a huge length is infinite.
+        let largest = rotation
+            .to_array()
+            .into_iter()
+            .map(f64::abs)
+            .fold(0.0, f64::max);
+        if largest < SHORTEST_QUATERNION {
             return Err(PoseError::ZeroQuaternion);
         }
-        Ok(Self { rotation: rotation / length, translation })
+        let scaled = rotation / largest;
+        Ok(Self {
+            rotation: scaled / scaled.length(),
+            translation,
+        })
     }
 
-    /// A pure translation, metres.
+    /// A pure translation, metres; finite (checked in debug builds only: callers have parsed it).
     pub fn from_translation(translation: DVec3) -> Self {
-        Self { rotation: DQuat::IDENTITY, translation }
+        debug_assert!(translation.is_finite(), "a translation is finite");
+        Self {
+            rotation: DQuat::IDENTITY,
+            translation,
+        }
     }
 
-    /// A pure rotation about `axis` (any nonzero length) by `angle` radians.
+    /// A pure rotation about `axis` (any nonzero length) by `angle` radians, finite. An axis without
+    /// length, or not finite, gives the identity.
     pub fn from_axis_angle(axis: DVec3, angle: f64) -> Self {
-        let rotation = crate::rotation::exp(axis.normalize_or_zero() * angle);
-        Self { rotation, translation: DVec3::ZERO }
+        debug_assert!(angle.is_finite(), "an angle is finite");
+        let axis = crate::direction::unit(axis).unwrap_or(DVec3::ZERO);
+        let rotation = crate::rotation::exp(axis * angle);
+        Self {
+            rotation,
+            translation: DVec3::ZERO,
+        }
     }
 
     /// From a rotation matrix that may carry rounding errors: it is projected onto the nearest rotation.
@@ -86,12 +113,17 @@ impl Pose {
         }
         let orthogonality_error = orthogonality_error(rotation);
         if orthogonality_error > LARGEST_ORTHOGONALITY_ERROR {
-            return Err(PoseError::NotRigid { orthogonality_error });
+            return Err(PoseError::NotRigid {
+                orthogonality_error,
+            });
         }
         if rotation.determinant() < 0.0 {
             return Err(PoseError::Mirrored);
         }
-        Ok(Self { rotation: crate::rotation::from_matrix(nearest_rotation(rotation)), translation })
+        Ok(Self {
+            rotation: crate::rotation::from_matrix(nearest_rotation(rotation)),
+            translation,
+        })
     }
 
     /// The rotation as a unit quaternion.
@@ -123,7 +155,10 @@ impl Pose {
     #[must_use]
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.conjugate();
-        Self { rotation, translation: -(rotation * self.translation) }
+        Self {
+            rotation,
+            translation: -(rotation * self.translation),
+        }
     }
 
     /// `(z, y, x)` Euler angles in radians, for people.
@@ -140,14 +175,20 @@ impl std::ops::Mul for Pose {
         let product = self.rotation * right.rotation;
         // One Newton step towards unit length: exact to rounding for inputs that are nearly unit (A05).
         let rotation = product * ((3.0 - product.length_squared()) * 0.5);
-        Self { rotation, translation: self.rotation * right.translation + self.translation }
+        Self {
+            rotation,
+            translation: self.rotation * right.translation + self.translation,
+        }
     }
 }
 
 /// Largest absolute entry of `RᵀR − I`.
 pub fn orthogonality_error(rotation: DMat3) -> f64 {
     let difference = rotation.transpose() * rotation - DMat3::IDENTITY;
-    difference.to_cols_array().iter().fold(0.0, |worst: f64, entry| worst.max(entry.abs()))
+    difference
+        .to_cols_array()
+        .iter()
+        .fold(0.0, |worst: f64, entry| worst.max(entry.abs()))
 }
 
 /// The rotation nearest to `matrix` in the Frobenius norm (polar decomposition by Newton iteration).

@@ -3,8 +3,8 @@
 /// Scale of the median absolute deviation to the standard deviation of a normal distribution.
 pub const MAD_TO_SIGMA: f64 = 1.4826;
 
-/// The `q`-quantile (linear between order statistics) of `values`, which are reordered.
-/// NaN are ignored; `None` when nothing is left.
+/// The `q`-quantile, q in [0, 1], linear between order statistics. `values` are sorted, NaN among them
+/// are removed; `None` when nothing is left.
 pub fn quantile(values: &mut Vec<f64>, q: f64) -> Option<f64> {
     values.retain(|v| !v.is_nan());
     if values.is_empty() {
@@ -15,16 +15,21 @@ pub fn quantile(values: &mut Vec<f64>, q: f64) -> Option<f64> {
     let low = position.floor() as usize;
     let high = (low + 1).min(values.len() - 1);
     let fraction = position - position.floor();
+    if fraction == 0.0 {
+        // An infinite neighbour times a weight of 0 is NaN.
+        return Some(values[low]);
+    }
     Some(values[low] * (1.0 - fraction) + values[high] * fraction)
 }
 
-/// The median of `values`, which are reordered; NaN are ignored; `None` when nothing is left.
+/// The median of `values`, which are sorted; NaN among them are removed; `None` when nothing is left.
 pub fn median(values: &mut Vec<f64>) -> Option<f64> {
     quantile(values, 0.5)
 }
 
 /// The weighted median of `(value, weight)` pairs: the smallest value at which half of the weight is
-/// reached. Pairs with NaN or non-positive weight are ignored; `None` when nothing is left.
+/// reached. Pairs with a NaN value, or a NaN or non-positive weight, are removed, the others sorted; `None`
+/// when nothing is left.
 pub fn weighted_median(pairs: &mut Vec<(f64, f64)>) -> Option<f64> {
     pairs.retain(|(value, weight)| !value.is_nan() && *weight > 0.0);
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));

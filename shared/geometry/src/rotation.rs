@@ -16,7 +16,7 @@ fn sinc(x: f64) -> f64 {
     }
 }
 
-/// The rotation by `‖rotation_vector‖` radians about `rotation_vector`.
+/// The rotation by `‖rotation_vector‖` radians about `rotation_vector`; finite and shorter than 1e150.
 pub fn exp(rotation_vector: DVec3) -> DQuat {
     let half = rotation_vector.length() * 0.5;
     let vector = rotation_vector * (0.5 * sinc(half));
@@ -27,7 +27,11 @@ pub fn exp(rotation_vector: DVec3) -> DQuat {
 ///
 /// At exactly π the sign of the axis is free (A04).
 pub fn log(rotation: DQuat) -> DVec3 {
-    let rotation = if rotation.w < 0.0 { -rotation } else { rotation };
+    let rotation = if rotation.w < 0.0 {
+        -rotation
+    } else {
+        rotation
+    };
     let vector = DVec3::new(rotation.x, rotation.y, rotation.z);
     let length = vector.length();
     if length < 1e-3 {
@@ -135,9 +139,9 @@ pub fn exp_coefficient_c(angle: f64) -> f64 {
     }
 }
 
-/// `(1 − (θ/2) cot(θ/2))/θ²` for θ in [0, π], stable at 0 (hard-cases A09).
+/// `(1 − (θ/2) cot(θ/2))/θ²` for |θ| < 2π, stable at 0 (hard-cases A09); infinite at 2π itself.
 pub fn log_coefficient(angle: f64) -> f64 {
-    if angle < 0.5 {
+    if angle.abs() < 0.5 {
         let a2 = angle * angle;
         1.0 / 12.0
             + a2 * (1.0 / 720.0
@@ -149,18 +153,25 @@ pub fn log_coefficient(angle: f64) -> f64 {
 }
 
 /// SE(3) exponential of a twist (rotation vector in radians, velocity in metres).
+///
+/// A twist that is not finite gives the identity; a step out of a solver, which may be that, goes through
+/// [`try_exp_twist`].
 pub fn exp_twist(rotation_vector: DVec3, velocity: DVec3) -> Pose {
+    try_exp_twist(rotation_vector, velocity).unwrap_or(Pose::IDENTITY)
+}
+
+/// SE(3) exponential of a twist, or `None` when the twist is not finite: no step is not a step of zero.
+pub fn try_exp_twist(rotation_vector: DVec3, velocity: DVec3) -> Option<Pose> {
     let angle = rotation_vector.length();
     let w = skew(rotation_vector);
     let v = DMat3::IDENTITY + w * exp_coefficient_b(angle) + w * w * exp_coefficient_c(angle);
-    Pose::new(exp(rotation_vector), v * velocity).unwrap_or(Pose::IDENTITY)
+    Pose::new(exp(rotation_vector), v * velocity).ok()
 }
 
-/// SE(3) logarithm: `(rotation vector, velocity)` with `exp_twist` of it the pose.
+/// SE(3) logarithm: `(rotation vector in radians, velocity in metres)` with [`exp_twist`] of it the pose.
 pub fn log_twist(pose: &Pose) -> (DVec3, DVec3) {
     let rotation_vector = log(pose.rotation());
     let w = skew(rotation_vector);
-    let v_inverse =
-        DMat3::IDENTITY - w * 0.5 + w * w * log_coefficient(rotation_vector.length());
+    let v_inverse = DMat3::IDENTITY - w * 0.5 + w * w * log_coefficient(rotation_vector.length());
     (rotation_vector, v_inverse * pose.translation())
 }
