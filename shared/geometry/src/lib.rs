@@ -1,7 +1,8 @@
 //! Poses, cameras, directions and the panorama: the pure mathematics everything else stands on.
 //!
 //! For: rigid transforms named by both ends, pinhole cameras with distortion, the one mapping between
-//! directions and panorama texels, robust statistics. Not for: images, files, time, colour.
+//! directions and panorama texels, alignment of paths, robust statistics. Not for: images, files, time,
+//! colour.
 //!
 //! ```
 //! use geometry::{DVec3, Intrinsics, Pose};
@@ -12,13 +13,17 @@
 //! assert!((pixel.x - 319.5).abs() < 1e-12);
 //! ```
 //!
-//! Map: [`pose`] rigid motion in f64 · [`rotation`] SO(3) maps and interpolation · [`camera`] intrinsics
-//! · [`distortion`] of lenses · [`panorama`] directions and texels · [`direction`] angles, bases, mirror reflection ·
+//! Map: [`pose`] rigid motion in f64 · [`rotation`] SO(3) and SE(3) maps, interpolation · [`camera`]
+//! intrinsics · [`distortion`] of lenses · [`panorama`] directions and texels · [`direction`] angles,
+//! bases, mirror reflection · [`alignment`] of two paths, trajectory error · [`svd`] of 3x3 matrices ·
 //! [`robust`] medians and scales.
 //!
-//! Invariants: no allocation per call except in [`robust`]; a value that exists is valid (a [`Pose`] is
-//! rigid, an [`Intrinsics`] is usable); finite input never gives NaN.
+//! Invariants: no allocation per call except in [`robust`] and [`alignment::trajectory_error`]; a value
+//! that comes out of a `Result` or `Option` is valid (a [`Pose`] is rigid, an [`Intrinsics`] is usable);
+//! finite input of a size that occurs (lengths and angles below 1e150) never gives NaN; NaN never becomes
+//! a number silently, except where a function says so.
 
+pub mod alignment;
 pub mod camera;
 pub mod direction;
 pub mod distortion;
@@ -26,7 +31,11 @@ pub mod panorama;
 pub mod pose;
 pub mod robust;
 pub mod rotation;
+pub mod svd;
 
+pub use alignment::{
+    AlignmentError, AlignmentRank, RigidAlignment, TrajectoryError, align_rigid, trajectory_error,
+};
 pub use camera::{CameraError, Distortion, Intrinsics};
 pub use glam::{DMat3, DQuat, DVec2, DVec3, Vec2, Vec3, Vec3A};
 pub use panorama::PanoramaSize;
