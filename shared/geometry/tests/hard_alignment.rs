@@ -157,6 +157,15 @@ fn hc_l05_standing_still_gives_a_translation() {
     }
     bites("l05 still", naive_worst, tolerance);
     holds("l05 still", worst, tolerance);
+    // A tracker that is stuck while the camera moves says nothing about the rotation either.
+    let moving: Vec<DVec3> = (0..50).map(|_| unit_vector(&mut rng)).collect();
+    for (reference, estimate) in [
+        (&moving, &vec![DVec3::X; 50]),
+        (&vec![DVec3::X; 50], &moving),
+    ] {
+        let alignment = align_rigid(reference, estimate).expect("50 pairs");
+        assert_eq!(alignment.rank, AlignmentRank::Point);
+    }
     // Two means of 50 samples of 1 mm: 0.35 mm by length, and 4 of those.
     holds("l05 shift", worst_shift, 1.4e-3);
 }

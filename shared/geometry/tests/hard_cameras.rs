@@ -193,6 +193,26 @@ fn hc_a13_round_trip_inside_the_fold_of_random_lenses() {
             .expect("just inside the fold");
         worst_near = worse(worst_near, (again - p).length());
     }
+    // Distorted points about the largest radius that the lens gives, with a tangential part that moves
+    // solutions across the radial fold: an answer lies inside.
+    for _ in 0..20_000 {
+        let lens = random_lens(&mut rng);
+        let lens = Distortion {
+            p1: 40.0 * lens.p1,
+            ..lens
+        };
+        let fold = lens.fold_radius();
+        let edge = lens.distort(DVec2::X * fold.min(3.0)).length();
+        let distorted =
+            DVec2::from_angle(uniform(&mut rng, 0.0, 7.0)) * edge * uniform(&mut rng, 0.95, 1.05);
+        if let Some(p) = lens.undistort(distorted, fold) {
+            assert!(p.length() < fold, "beyond the fold");
+            assert!(
+                (lens.distort(p) - distorted).length() < 1e-10,
+                "no solution"
+            );
+        }
+    }
     holds("a13 random", worst, ROUND_TRIP_TOLERANCE);
     // The slope of the map there is 2e-4: a rounding of 1e-15 becomes 1e-11.
     holds(

@@ -51,6 +51,14 @@ fn hc_a10_angle_between_directions() {
         assert_eq!(angle_between(a, -a), PI);
     }
     holds("a10", worst, tolerance);
+    for bad in [DVec3::NAN, DVec3::INFINITY, DVec3::X.with_z(f64::NAN)] {
+        assert!(
+            angle_between(bad, DVec3::X).is_nan(),
+            "no direction, no angle"
+        );
+        assert!(angle_between(DVec3::X, bad).is_nan());
+    }
+    assert_eq!(angle_between(DVec3::ZERO, DVec3::X), PI / 2.0);
 }
 
 #[test]
@@ -181,6 +189,7 @@ fn hc_a11_look_along_the_down_direction() {
     holds("a11 look", worst, 1e-12);
     assert_eq!(look_along(DVec3::ZERO, DVec3::Y), None);
     assert_eq!(look_along(DVec3::NAN, DVec3::Y), None);
+    assert_eq!(look_along(DVec3::INFINITY, DVec3::Y), None);
     assert!(
         look_along(DVec3::Z, DVec3::ZERO).is_some(),
         "no down is no reason to fail"
@@ -316,6 +325,7 @@ fn hc_a16_a_flattened_mesh_has_no_normals() {
     assert_eq!(transform_normal(DMat3::ZERO, DVec3::X), None);
     assert_eq!(transform_normal(DMat3::IDENTITY, DVec3::ZERO), None);
     assert_eq!(transform_normal(DMat3::IDENTITY * f64::NAN, DVec3::X), None);
+    assert_eq!(transform_normal(DMat3::IDENTITY, DVec3::NAN), None);
     let thin = DMat3::from_diagonal(DVec3::new(1.0, 1.0, 1e-14));
     assert_eq!(
         transform_normal(thin, DVec3::Z),

@@ -117,6 +117,20 @@ fn hc_f02_components_beyond_one() {
     bites("f02 acos", naive_worst, 1e-6);
     holds("f02 NaN", nan_count, 0.0);
     holds("f02", worst, 1e-6);
+    // Near a pole the sine is flat: asin resolves 1e-8 rad even in f64, the colatitude is exact.
+    let mut worst_near = 0.0;
+    let mut asin_worst = 0.0;
+    for _ in 0..2000 {
+        let colatitude = 10.0_f64.powf(uniform(&mut rng, -9.0, -3.0));
+        let direction = from_angles(uniform(&mut rng, -PI, PI), PI / 2.0).with_y(-colatitude.cos())
+            + from_angles(uniform(&mut rng, -PI, PI), 0.0) * colatitude.sin();
+        let asin = PI / 2.0 - (-direction.y / direction.length()).asin();
+        asin_worst = worse(asin_worst, (asin / colatitude - 1.0).abs());
+        let found = (size.texel_from_direction(direction).y + 0.5) / 250.0 * PI;
+        worst_near = worse(worst_near, (found / colatitude - 1.0).abs());
+    }
+    bites("f02 asin near a pole", asin_worst, 1e-3);
+    holds("f02 near a pole", worst_near, 1e-3);
     assert!(
         size.taps(DVec3::NAN).weights.iter().all(|w| w.is_nan()),
         "no direction, no value"
