@@ -17,8 +17,8 @@ pub struct Distortion {
     pub k3: f64,
 }
 
-/// Largest residual of a solution, relative to the distorted radius where that exceeds 1.
-const SOLVED: f64 = 1e-12;
+/// Newton step and residual at which a solution stands, relative to the distorted radius above 1.
+const SETTLED: f64 = 1e-10;
 
 impl Distortion {
     /// No distortion.
@@ -146,13 +146,14 @@ impl Distortion {
                 part *= 0.5;
             }
             p -= step * part;
-            // The next step would be about the square of this one.
-            if step.length() < 1e-10 * scale {
-                break;
+            // The next step would be about the square of this one. A small residual alone says little
+            // near the fold, where the map is flat.
+            if step.length() < SETTLED * scale {
+                let residual = (self.distort(p) - distorted).length();
+                return (residual < SETTLED * scale && p.length() < fold_radius).then_some(p);
             }
         }
-        let converged = (self.distort(p) - distorted).length() < SOLVED * scale;
-        (converged && p.length() < fold_radius).then_some(p)
+        None
     }
 
     /// The undistorted radius of a distorted one without the tangential part, by Newton steps inside a
