@@ -1,0 +1,53 @@
+//! Why a fusion call refuses its input.
+
+/// Errors of this crate. Every variant carries what was given.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FusionError {
+    /// The voxel edge is not a usable length.
+    #[error("a voxel size of {voxel_size} m is outside 0.0002 to 1 m")]
+    VoxelSize {
+        /// Metres given.
+        voxel_size: f32,
+    },
+    /// The truncation is below [`crate::volume::MIN_TRUNCATION_VOXELS`]: surfaces would have holes (D06).
+    #[error(
+        "a truncation of {truncation_voxels} voxels leaves holes; at least 4 and at most 64 are needed"
+    )]
+    Truncation {
+        /// Voxels given.
+        truncation_voxels: f32,
+    },
+    /// A weight setting that is not a positive number.
+    #[error(
+        "weight settings must be positive numbers: cap {weight_cap}, reference depth {reference_depth} m"
+    )]
+    Weight {
+        /// Cap given.
+        weight_cap: f32,
+        /// Reference depth given, metres.
+        reference_depth: f32,
+    },
+    /// The depth gate is empty or not a number.
+    #[error("the depth gate {min_depth}..{max_depth} m is empty or not a number")]
+    DepthGate {
+        /// Metres given.
+        min_depth: f32,
+        /// Metres given.
+        max_depth: f32,
+    },
+    /// The volume origin is not finite.
+    #[error("the volume origin is not finite")]
+    Origin,
+    /// The depth image does not have one value per pixel of its camera.
+    #[error("a depth image of {width} x {height} pixels needs {expected} values, got {got}")]
+    DepthSize {
+        /// Columns of the camera.
+        width: u32,
+        /// Rows of the camera.
+        height: u32,
+        /// `width · height`.
+        expected: usize,
+        /// Values given.
+        got: usize,
+    },
+}

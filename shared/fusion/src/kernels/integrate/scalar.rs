@@ -1,0 +1,62 @@
+//! The specification of the row update.
+
+use super::{Block, BlockView, Conflicts, DepthView, UpdateRule, Z_NEAR, average, row_start};
+use crate::volume::key::BLOCK_EDGE;
+
+/// Updates every voxel of `block`; sign conflicts go to `conflicts` instead.
+pub(super) fn integrate_rows(
+    block: &mut Block,
+    image: DepthView<'_>,
+    view: &BlockView,
+    rule: &UpdateRule,
+    conflicts: &mut Conflicts,
+) {
+    let per_metre = 1.0 / rule.truncation;
+    for row in 0..BLOCK_EDGE * BLOCK_EDGE {
+        let start = row_start(view, row % BLOCK_EDGE, row / BLOCK_EDGE);
+        let end_z = start[2] + 7.0 * view.step[0][2];
+        if start[2].min(end_z) > view.farthest {
+            continue;
+        }
+        let is_free = start[2].max(end_z) < view.nearest;
+        for x in 0..BLOCK_EDGE {
+            let [u, v, z]: [f32; 3] =
+                std::array::from_fn(|c| start[c] + x as f32 * view.step[0][c]);
+            if z < Z_NEAR || z.is_nan() {
+                continue;
+            }
+            let inverse_z = 1.0 / z;
+            let tsdf = if is_free {
+                1.0
+            } else {
+                // Adding ½ and truncating is rounding to the nearest pixel, once negatives are out.
+                let (column, line) = (u * inverse_z + 0.5, v * inverse_z + 0.5);
+                let is_inside = column >= 0.0
+                    && column < image.width as f32
+                    && line >= 0.0
+                    && line < image.height as f32;
+                if !is_inside {
+                    continue;
+                }
+                let depth = image.depth[line as usize * image.width + column as usize];
+                let distance = depth - z;
+                if !(depth > 0.0 && distance >= -rule.truncation) {
+                    continue;
+                }
+                (distance * per_metre).min(1.0)
+            };
+            let weight = inverse_z * inverse_z * rule.weight_at_one_metre;
+            let index = row * BLOCK_EDGE + x;
+            let (stored, stored_weight) = (block.tsdf[index], block.weight[index]);
+            let is_conflict = stored.is_sign_negative() != tsdf.is_sign_negative()
+                && (stored - tsdf).abs() > rule.conflict
+                && stored_weight > 0.5 * weight;
+            if is_conflict {
+                conflicts.push(index, tsdf, weight);
+            } else {
+                (block.tsdf[index], block.weight[index]) =
+                    average(stored, stored_weight, tsdf, weight, rule.weight_cap);
+            }
+        }
+    }
+}

@@ -1,0 +1,33 @@
+//! Triangle meshes of a volume's zero surface.
+
+mod cases;
+mod components;
+mod extract;
+mod halo;
+
+use geometry::{DVec3, Vec3};
+
+pub use self::components::{components, remove_small_components};
+pub use self::extract::{MeshConfig, extract_mesh};
+
+/// A triangle mesh. The per-vertex arrays have equal length.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// Vertex positions relative to `origin`, world axes, metres.
+    pub positions: Vec<Vec3>,
+    /// Unit normals, pointing to free space.
+    pub normals: Vec<Vec3>,
+    /// TSDF weight at each vertex.
+    pub weights: Vec<f32>,
+    /// Vertex indices, counter-clockwise seen from free space.
+    pub triangles: Vec<[u32; 3]>,
+    /// World position that `positions` count from, metres.
+    pub origin: DVec3,
+}
+
+impl Mesh {
+    /// World position of a vertex, metres.
+    pub fn world_position(&self, vertex: usize) -> DVec3 {
+        self.origin + self.positions[vertex].as_dvec3()
+    }
+}

@@ -1,0 +1,95 @@
+//! Settings of a volume.
+
+use geometry::DVec3;
+
+use crate::error::FusionError;
+
+/// Least truncation in voxels: below √3 a surface has holes, below 4 a noisy one does (hard-cases D06).
+pub const MIN_TRUNCATION_VOXELS: f32 = 4.0;
+
+/// Settings of a [`super::Volume`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct VolumeConfig {
+    /// Voxel edge, metres.
+    pub voxel_size: f32,
+    /// Truncation distance in voxels, at least [`MIN_TRUNCATION_VOXELS`]. A thing thinner than twice the
+    /// truncation is kept by the two-sided rule of the update (D07), not by distance.
+    pub truncation_voxels: f32,
+    /// Largest weight of a voxel. Later frames keep a share of `1 / weight_cap`.
+    pub weight_cap: f32,
+    /// Depth at which one observation weighs 1, metres; weight = (`reference_depth` / z)², because the
+    /// depth step of a triangulating sensor grows with z², so its inverse variance falls with z⁴ and half
+    /// of that is spent on systematic errors that repeat from frame to frame.
+    pub reference_depth: f32,
+    /// Nearest depth that is used, metres.
+    pub min_depth: f32,
+    /// Farthest depth that is used, metres.
+    pub max_depth: f32,
+    /// Largest number of 8³ blocks (4 KiB each); later requests are refused and counted (D17).
+    pub block_limit: usize,
+    /// World position of voxel (0, 0, 0), metres. Near the scene: mesh positions are f32 relative to it.
+    pub origin: DVec3,
+}
+
+impl Default for VolumeConfig {
+    fn default() -> Self {
+        Self {
+            voxel_size: 0.004,
+            truncation_voxels: 6.0,
+            weight_cap: 128.0,
+            reference_depth: 1.0,
+            min_depth: 0.3,
+            max_depth: 4.0,
+            block_limit: 500_000,
+            origin: DVec3::ZERO,
+        }
+    }
+}
+
+impl VolumeConfig {
+    /// Truncation distance, metres.
+    pub fn truncation(&self) -> f32 {
+        self.voxel_size * self.truncation_voxels
+    }
+
+    /// Whether a part `thickness` metres thick is thinner than twice the truncation: its two sides then
+    /// share voxels, and the two-sided rule decides which observation stands (D06, D07).
+    pub fn sides_interact(&self, thickness: f32) -> bool {
+        2.0 * self.truncation() > thickness
+    }
+
+    pub(super) fn check(&self) -> Result<(), FusionError> {
+        let Self {
+            voxel_size,
+            truncation_voxels,
+            weight_cap,
+            reference_depth,
+            min_depth,
+            max_depth,
+            ..
+        } = *self;
+        if !(2e-4..=1.0).contains(&voxel_size) {
+            return Err(FusionError::VoxelSize { voxel_size });
+        }
+        if !(MIN_TRUNCATION_VOXELS..=64.0).contains(&truncation_voxels) {
+            return Err(FusionError::Truncation { truncation_voxels });
+        }
+        let is_positive = |value: f32| value > 0.0 && value.is_finite();
+        if !(is_positive(weight_cap) && is_positive(reference_depth)) {
+            return Err(FusionError::Weight {
+                weight_cap,
+                reference_depth,
+            });
+        }
+        if !(min_depth >= 0.0 && max_depth > min_depth && max_depth.is_finite()) {
+            return Err(FusionError::DepthGate {
+                min_depth,
+                max_depth,
+            });
+        }
+        if !self.origin.is_finite() {
+            return Err(FusionError::Origin);
+        }
+        Ok(())
+    }
+}
