@@ -7,6 +7,8 @@
 mod correlation;
 mod structure;
 mod summary;
+#[cfg(test)]
+mod tests;
 
 pub use correlation::{MapSample, MapScore, log_rmse, map_score, weighted_pearson};
 pub use structure::{luma, luma_ssim, ssim};
