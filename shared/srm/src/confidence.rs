@@ -43,6 +43,19 @@ pub struct Confidence {
     pub noise: f64,
 }
 
+impl Confidence {
+    /// The confidence of a map that claims nothing.
+    pub fn nothing(texel_count: usize) -> Self {
+        Self {
+            confidence: vec![0.0; texel_count],
+            sigma: vec![[f32::INFINITY; 3]; texel_count],
+            sample_count: vec![0.0; texel_count],
+            flags: vec![TexelFlags(TexelFlags::UNCOVERED | TexelFlags::OFFSET_UNOBSERVED); texel_count],
+            noise: SMALLEST_NOISE,
+        }
+    }
+}
+
 impl Problem {
     /// The confidence of a solution, with the robust residual of rows that it never saw.
     pub fn confidence(&self, solution: &Solution, held_out_sigma: f64, offset_observed: bool) -> Confidence {

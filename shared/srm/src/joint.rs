@@ -1,8 +1,10 @@
 //! Iteratively reweighted least squares around the bounded solve.
 
-use crate::problem::{Problem, Regularisation, Rgb};
+use crate::problem::{Problem, Rgb};
+use crate::regularisation::Regularisation;
 use crate::rows::{Row, luminance};
 use crate::solver::{Quadratic, SolveReport, SolverSettings};
+use crate::weights::Weights;
 
 /// What is done with D.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,6 +41,9 @@ pub struct JointSettings {
     pub specular_to_zero: f64,
     /// Residual at which a row begins to lose weight, linear radiance (IRLS scale).
     pub residual_scale: f64,
+    /// Step between neighbouring texels at which their smoothness begins to lose weight, linear luminance
+    /// (IRLS scale of the map's edges).
+    pub edge_scale: f64,
     /// Reweighting rounds.
     pub rounds: usize,
     /// The bounded solver.
@@ -58,6 +63,7 @@ impl Default for JointSettings {
             smoothness: 0.02,
             specular_to_zero: 0.002,
             residual_scale: 0.03,
+            edge_scale: 0.2,
             rounds: 4,
             solver: SolverSettings { steps: 60, passes: 2, tolerance: 1e-4 },
         }
@@ -73,8 +79,8 @@ pub struct Solution {
     pub specular: Vec<[f32; 3]>,
     /// The unknowns in full precision, vertices first.
     pub unknowns: Vec<Rgb>,
-    /// Final weight of every row and channel.
-    pub weights: Vec<[f32; 3]>,
+    /// Final weights of rows and edges.
+    pub weights: Weights,
     /// What the last bounded solve did.
     pub report: SolveReport,
     /// Robust residual of the rows that were solved from, luminance (1.4826 · median |r|).
@@ -94,23 +100,6 @@ impl JointSettings {
             diffuse_to_prior,
         }
     }
-}
-
-/// Weight of each channel of a row given what the model predicts: Cauchy-like in luminance, and zero for
-/// a clipped channel whose prediction reaches the observation (a lower bound is then met; H10).
-pub fn row_weights(row: &Row, predicted: Rgb, residual_scale: f64) -> [f32; 3] {
-    let mut residual = [0.0; 3];
-    let mut binding = [true; 3];
-    for c in 0..3 {
-        residual[c] = f64::from(row.observed[c]) - predicted[c];
-        if row.clipped & (1 << c) != 0 && residual[c] <= 0.0 {
-            binding[c] = false;
-            residual[c] = 0.0;
-        }
-    }
-    let scaled = luminance(residual) / residual_scale;
-    let weight = f64::from(row.weight) / (1.0 + scaled * scaled).sqrt();
-    binding.map(|binds| if binds { weight as f32 } else { 0.0 })
 }
 
 /// Luminance of what the model leaves unexplained; a met lower bound leaves nothing.
@@ -166,10 +155,10 @@ impl Problem {
         }
         let regularisation = settings.regularisation();
         let mut report = SolveReport::default();
-        let mut weights = self.map_rows(|_, row| [row.weight; 3]);
+        let mut weights = self.first_weights();
         for round in 0..settings.rounds.max(1) {
             if round > 0 {
-                weights = self.reweighted(&unknowns, settings.residual_scale);
+                weights = self.reweighted(&unknowns, settings.residual_scale, settings.edge_scale);
             }
             let mut right_side = self.right_side(&weights);
             for (target, aim) in right_side[..n].iter_mut().zip(&prior) {
@@ -188,14 +177,10 @@ impl Problem {
         Solution {
             diffuse: unknowns[..n].iter().map(|v| v.map(|v| v as f32)).collect(),
             specular: unknowns[n..].iter().map(|v| v.map(|v| v as f32)).collect(),
-            weights: self.reweighted(&unknowns, settings.residual_scale),
+            weights: self.reweighted(&unknowns, settings.residual_scale, settings.edge_scale),
             unknowns,
             report,
             residual_sigma,
         }
-    }
-
-    fn reweighted(&self, unknowns: &[Rgb], residual_scale: f64) -> Vec<[f32; 3]> {
-        self.map_rows(|_, row| row_weights(row, self.predict(row, unknowns), residual_scale))
     }
 }

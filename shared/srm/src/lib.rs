@@ -25,9 +25,11 @@
 //! assert!((seen - 0.3).abs() < 0.05);
 //! ```
 //!
-//! Map: [`rows`] what a pixel says · [`problem`] the normal equations, never formed · [`solver`] bounded
-//! conjugate gradients · [`joint`] robust reweighting and the solution · [`confidence`] what a texel is
-//! worth · [`offset`] the direction the data do not see · [`selection`] choices by held-out frames.
+//! Map: [`rows`] what a pixel says · [`problem`] the normal equations, never formed · [`regularisation`]
+//! what is asked beyond the rows · [`weights`] of a round · [`solver`] bounded conjugate gradients ·
+//! [`joint`] robust reweighting and the solution · [`confidence`] what a texel is
+//! worth · [`offset`] the direction the data do not see · [`selection`] choices by held-out frames ·
+//! [`resolution`] the finest detail.
 //!
 //! Invariants: sums run in f64 over a fixed number of tiles, so that the bits do not depend on the number
 //! of threads; finite rows give finite texels; D and S are never negative.
@@ -36,11 +38,16 @@ pub mod confidence;
 pub mod joint;
 pub mod offset;
 pub mod problem;
+pub mod regularisation;
+pub mod resolution;
 pub mod rows;
 pub mod selection;
 pub mod solver;
+pub mod weights;
 
 pub use confidence::{Confidence, TexelFlags};
 pub use joint::{DiffuseTreatment, JointSettings, Solution};
 pub use problem::{Problem, SrmError};
+pub use regularisation::Regularisation;
 pub use rows::{Row, Rows};
+pub use weights::Weights;

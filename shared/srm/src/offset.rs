@@ -62,7 +62,7 @@ impl Problem {
         let variance: f64 =
             (n..self.unknown_count()).map(|i| mean_of_s[i][1] * response[i][1]).sum::<f64>() * noise * noise;
         let mut prior_part = vec![[0.0; 3]; self.unknown_count()];
-        self.add_regularisation(&regularisation, &response, &mut prior_part);
+        self.add_regularisation(&regularisation, &solution.weights.edges, &response, &mut prior_part);
         let whole = self.apply(&solution.weights, &regularisation, &response);
         let inner = |a: &[Rgb]| a.iter().zip(&response).map(|(a, b)| a[1] * b[1]).sum::<f64>();
         let (prior_curvature, curvature) = (inner(&prior_part), inner(&whole));

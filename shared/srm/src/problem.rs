@@ -1,6 +1,8 @@
 //! The normal equations of the joint solve, applied and never formed.
 
+use crate::regularisation::Regularisation;
 use crate::rows::{Row, Rows};
+use crate::weights::Weights;
 use geometry::PanoramaSize;
 use rayon::prelude::*;
 
@@ -40,17 +42,6 @@ pub enum SrmError {
     /// There is nothing to solve from.
     #[error("no pixel sees the object well enough to solve from")]
     NoRows,
-}
-
-/// Strengths of the regularisers, in units of rows.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Regularisation {
-    /// Smoothness of neighbouring texels (srm-feasibility section 2: 0.02).
-    pub smoothness: f64,
-    /// Pull of S to zero (0.002).
-    pub specular_to_zero: f64,
-    /// Pull of D to its prior, pseudo-observations a vertex.
-    pub diffuse_to_prior: f64,
 }
 
 /// Rows, their unknowns and the neighbourhood of the texels.
@@ -193,23 +184,23 @@ impl Problem {
     }
 
     /// AᵀW A x plus the regularisers' H x.
-    pub fn apply(&self, weights: &[[f32; 3]], regularisation: &Regularisation, x: &[Rgb]) -> Vec<Rgb> {
+    pub fn apply(&self, weights: &Weights, regularisation: &Regularisation, x: &[Rgb]) -> Vec<Rgb> {
         let mut result = self.accumulate(|index, row, buffer| {
             let mut value = self.linear_part(row, x);
-            let weight = weights[index];
+            let weight = weights.rows[index];
             for c in 0..3 {
                 value[c] *= f64::from(weight[c]);
             }
             self.scatter(row, value, buffer);
         });
-        self.add_regularisation(regularisation, x, &mut result);
+        self.add_regularisation(regularisation, &weights.edges, x, &mut result);
         result
     }
 
     /// AᵀW (observed − known): the data side of the normal equations.
-    pub fn right_side(&self, weights: &[[f32; 3]]) -> Vec<Rgb> {
+    pub fn right_side(&self, weights: &Weights) -> Vec<Rgb> {
         self.accumulate(|index, row, buffer| {
-            let weight = weights[index];
+            let weight = weights.rows[index];
             let mut value = [0.0; 3];
             for c in 0..3 {
                 value[c] = f64::from(weight[c]) * (f64::from(row.observed[c]) - f64::from(row.known[c]));
@@ -219,9 +210,9 @@ impl Problem {
     }
 
     /// Diagonal of AᵀWA alone: the Fisher information of each unknown at unit noise.
-    pub fn information(&self, weights: &[[f32; 3]]) -> Vec<Rgb> {
+    pub fn information(&self, weights: &Weights) -> Vec<Rgb> {
         self.accumulate(|index, row, buffer| {
-            let weight = weights[index].map(f64::from);
+            let weight = weights.rows[index].map(f64::from);
             for (&vertex, &b) in row.vertices.iter().zip(&row.barycentric) {
                 let square = f64::from(b) * f64::from(b);
                 for (target, w) in buffer[vertex as usize].iter_mut().zip(weight) {
@@ -237,110 +228,8 @@ impl Problem {
         })
     }
 
-    /// Sums `measure(row index, row)` over all rows in fixed tiles.
-    pub fn sum_rows(&self, measure: impl Fn(usize, &Row) -> f64 + Sync) -> f64 {
-        let rows = self.rows.as_slice();
-        let tile_length = rows.len().div_ceil(TILE_COUNT).max(1);
-        let tiles: Vec<f64> = rows
-            .par_chunks(tile_length)
-            .enumerate()
-            .map(|(tile, chunk)| {
-                chunk
-                    .iter()
-                    .enumerate()
-                    .map(|(offset, row)| measure(tile * tile_length + offset, row))
-                    .sum()
-            })
-            .collect();
-        tiles.iter().sum()
-    }
-
     /// One value for each row, in order.
     pub fn map_rows<T: Send>(&self, value: impl Fn(usize, &Row) -> T + Sync + Send) -> Vec<T> {
         self.rows.as_slice().par_iter().enumerate().map(|(index, row)| value(index, row)).collect()
-    }
-
-    /// Edges from a texel to its right and lower neighbour with their weights; edges in longitude weigh
-    /// 1/cos lat (1/√cos lat before squaring), capped at 20.
-    fn edges(&self, index: usize) -> [Option<(usize, f64)>; 2] {
-        let (width, height) = (self.panorama.width() as usize, self.panorama.height() as usize);
-        let (row, column) = (index / width, index % width);
-        let right = row * width + (column + 1) % width;
-        let longitude_weight = (1.0 / self.panorama.latitude(row as u32).cos()).min(20.0);
-        let right = self.covered[right].then_some((right, longitude_weight));
-        let below = index + width;
-        let below = (row + 1 < height && self.covered[below]).then_some((below, 1.0));
-        [right, below]
-    }
-
-    /// Adds the Hessian of the regularisers times x.
-    pub fn add_regularisation(&self, regularisation: &Regularisation, x: &[Rgb], result: &mut [Rgb]) {
-        let n = self.vertex_count;
-        for (target, value) in result[..n].iter_mut().zip(&x[..n]) {
-            for c in 0..3 {
-                target[c] += regularisation.diffuse_to_prior * value[c];
-            }
-        }
-        for index in 0..self.panorama.texel_count() {
-            if !self.covered[index] {
-                continue;
-            }
-            for c in 0..3 {
-                result[n + index][c] += regularisation.specular_to_zero * x[n + index][c];
-            }
-            for (other, weight) in self.edges(index).into_iter().flatten() {
-                for c in 0..3 {
-                    let pull = regularisation.smoothness * weight * (x[n + index][c] - x[n + other][c]);
-                    result[n + index][c] += pull;
-                    result[n + other][c] -= pull;
-                }
-            }
-        }
-    }
-
-    /// Diagonal of the regularisers' Hessian, added to `diagonal`.
-    pub fn add_regularisation_diagonal(&self, regularisation: &Regularisation, diagonal: &mut [Rgb]) {
-        let n = self.vertex_count;
-        for value in &mut diagonal[..n] {
-            *value = value.map(|v| v + regularisation.diffuse_to_prior);
-        }
-        for index in 0..self.panorama.texel_count() {
-            if !self.covered[index] {
-                continue;
-            }
-            diagonal[n + index] = diagonal[n + index].map(|v| v + regularisation.specular_to_zero);
-            for (other, weight) in self.edges(index).into_iter().flatten() {
-                let added = regularisation.smoothness * weight;
-                diagonal[n + index] = diagonal[n + index].map(|v| v + added);
-                diagonal[n + other] = diagonal[n + other].map(|v| v + added);
-            }
-        }
-    }
-
-    /// Value of the regularisers: half of xᵀHx minus the pull of D to `diffuse_prior`.
-    pub fn regularisation_energy(&self, regularisation: &Regularisation, x: &[Rgb], prior: &[Rgb]) -> f64 {
-        let n = self.vertex_count;
-        let mut energy = 0.0;
-        for (index, value) in x[..n].iter().enumerate() {
-            let aim = prior.get(index).copied().unwrap_or([0.0; 3]);
-            for c in 0..3 {
-                energy += regularisation.diffuse_to_prior * (value[c] - aim[c]).powi(2);
-            }
-        }
-        for index in 0..self.panorama.texel_count() {
-            if !self.covered[index] {
-                continue;
-            }
-            for c in 0..3 {
-                energy += regularisation.specular_to_zero * x[n + index][c].powi(2);
-            }
-            for (other, weight) in self.edges(index).into_iter().flatten() {
-                for c in 0..3 {
-                    let difference = x[n + index][c] - x[n + other][c];
-                    energy += regularisation.smoothness * weight * difference * difference;
-                }
-            }
-        }
-        0.5 * energy
     }
 }

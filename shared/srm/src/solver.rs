@@ -4,7 +4,9 @@
 //! the negative ones (hard-cases H09). So each pass solves on the unknowns that are free, projects, and
 //! frees or fixes unknowns by the sign of their gradient, until the KKT conditions hold.
 
-use crate::problem::{Problem, Regularisation, Rgb};
+use crate::problem::{Problem, Rgb};
+use crate::regularisation::Regularisation;
+use crate::weights::Weights;
 use rayon::prelude::*;
 
 /// How far to go.
@@ -38,8 +40,8 @@ pub struct SolveReport {
 pub struct Quadratic<'a> {
     /// The normal equations.
     pub problem: &'a Problem,
-    /// Weight of every row and channel.
-    pub weights: &'a [[f32; 3]],
+    /// Weights of rows and edges.
+    pub weights: &'a Weights,
     /// The regularisers.
     pub regularisation: Regularisation,
     /// b: data and prior.
@@ -95,7 +97,11 @@ impl Quadratic<'_> {
     /// 1/diagonal of H; 0 where the unknown is held or has no equation.
     fn inverse_diagonal(&self) -> Vec<Rgb> {
         let mut diagonal = self.problem.information(self.weights);
-        self.problem.add_regularisation_diagonal(&self.regularisation, &mut diagonal);
+        self.problem.add_regularisation_diagonal(
+            &self.regularisation,
+            &self.weights.edges,
+            &mut diagonal,
+        );
         for (value, &held) in diagonal.iter_mut().zip(self.held) {
             *value = if held { [0.0; 3] } else { value.map(|d| if d > 1e-12 { 1.0 / d } else { 0.0 }) };
         }
@@ -127,7 +133,7 @@ impl Quadratic<'_> {
     }
 
     /// Solves H x = b without bounds, in place: for linear questions such as a variance.
-    pub fn solve_unbounded(&self, x: &mut Vec<Rgb>, settings: &SolverSettings) -> usize {
+    pub fn solve_unbounded(&self, x: &mut [Rgb], settings: &SolverSettings) -> usize {
         let residual = self.residual(x);
         let (step, step_count, _) =
             self.conjugate_gradients(&residual, &self.inverse_diagonal(), settings);

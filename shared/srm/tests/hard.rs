@@ -1,0 +1,559 @@
+//! Hard cases of section H: each test shows the textbook form fail and the shipped one hold.
+
+mod scene;
+
+use rand::RngExt as _;
+use scene::{GAIN, generator, report, row, scene};
+use srm::weights::row_weights;
+use srm::{DiffuseTreatment, JointSettings, Problem, Regularisation, Row, Rows, TexelFlags};
+
+fn tight(weight: f64) -> JointSettings {
+    let mut settings = JointSettings {
+        diffuse: DiffuseTreatment::PulledToZero { weight },
+        ..JointSettings::default()
+    };
+    settings.solver.steps = 400;
+    settings.solver.passes = 12;
+    settings.solver.tolerance = 1e-9;
+    settings
+}
+
+fn problem(rows: Rows, vertex_count: usize, panorama: geometry::PanoramaSize) -> Problem {
+    Problem::new(rows, vertex_count, panorama).unwrap()
+}
+
+#[test]
+fn hc_h01_unseen_texels_stay_out_of_the_solve() {
+    const TOLERANCE: f64 = 1e-6;
+    let seen = scene(1, 8, 60, 30, 90, 0.0);
+    let mut settings = tight(0.5);
+    settings.rounds = 1;
+    let solution = problem(seen.rows.clone(), 60, seen.panorama);
+    let covered = solution.covered().to_vec();
+    assert!(covered.iter().skip(90).all(|c| !c), "only the first 90 of 128 texels are ever seen");
+    // Naive: Jacobi scaling divides by the empty columns.
+    let information = solution.information(&solution.first_weights());
+    let naive_scale: Vec<f64> = information.iter().map(|i| 1.0 / i[0]).collect();
+    assert!(naive_scale.iter().any(|s| s.is_infinite()), "naive: 1/0");
+    let solved = solution.solve(&settings);
+    assert!(solved.unknowns.iter().flatten().all(|v| v.is_finite()));
+    // Without them: the normal equations of the covered unknowns only, by dense elimination.
+    let expected = dense_reference(&solution, &settings.regularisation());
+    let mut worst: f64 = 0.0;
+    for (index, value) in solved.unknowns.iter().enumerate() {
+        if index < 60 || covered[index - 60] {
+            worst = worst.max((value[0] - expected[index]).abs());
+        } else {
+            assert_eq!(*value, [0.0; 3]);
+        }
+    }
+    report("H01", worst, TOLERANCE);
+    assert!(worst <= TOLERANCE, "{worst}");
+}
+
+/// Solves the unweighted normal equations on covered unknowns with the active set of the answer found by
+/// repeated elimination; one channel, f64, no structure used.
+fn dense_reference(problem: &Problem, regularisation: &Regularisation) -> Vec<f64> {
+    let n = problem.unknown_count();
+    let weights = problem.first_weights();
+    let right = problem.right_side(&weights);
+    let mut free: Vec<bool> =
+        (0..n).map(|i| i < problem.vertex_count() || problem.covered()[i - problem.vertex_count()]).collect();
+    let columns: Vec<Vec<f64>> = (0..n)
+        .map(|i| {
+            let mut unit = vec![[0.0; 3]; n];
+            unit[i] = [1.0; 3];
+            problem.apply(&weights, regularisation, &unit).iter().map(|v| v[0]).collect()
+        })
+        .collect();
+    let usable = free.clone();
+    let mut x = vec![0.0; n];
+    for _ in 0..60 {
+        let chosen: Vec<usize> = (0..n).filter(|&i| free[i]).collect();
+        let mut matrix: Vec<Vec<f64>> = chosen
+            .iter()
+            .map(|&i| chosen.iter().map(|&j| columns[j][i]).chain([right[i][0]]).collect())
+            .collect();
+        let solved = eliminate(&mut matrix);
+        x = vec![0.0; n];
+        for (&i, value) in chosen.iter().zip(&solved) {
+            x[i] = *value;
+        }
+        let mut changed = false;
+        for i in 0..n {
+            if free[i] && x[i] < 0.0 {
+                free[i] = false;
+                changed = true;
+            } else if usable[i] && !free[i] {
+                let gradient: f64 = (0..n).map(|j| columns[j][i] * x[j].max(0.0)).sum::<f64>() - right[i][0];
+                if gradient < -1e-10 && !changed {
+                    free[i] = true;
+                    changed = true;
+                }
+            }
+        }
+        if !changed {
+            break;
+        }
+    }
+    x.iter().map(|v| v.max(0.0)).collect()
+}
+
+fn eliminate(matrix: &mut [Vec<f64>]) -> Vec<f64> {
+    let n = matrix.len();
+    for column in 0..n {
+        let best = (column..n)
+            .max_by(|&a, &b| matrix[a][column].abs().total_cmp(&matrix[b][column].abs()))
+            .unwrap();
+        matrix.swap(column, best);
+        let pivot = matrix[column].clone();
+        for (r, row) in matrix.iter_mut().enumerate() {
+            let factor = row[column] / pivot[column];
+            if r != column && factor != 0.0 {
+                for (value, known) in row.iter_mut().zip(&pivot).skip(column) {
+                    *value -= factor * known;
+                }
+            }
+        }
+    }
+    (0..n).map(|i| matrix[i][n] / matrix[i][i]).collect()
+}
+
+#[test]
+fn hc_h02_the_offset_does_not_depend_on_the_start() {
+    const TOLERANCE: f64 = 1e-3;
+    let seen = scene(2, 8, 80, 40, 128, 0.002);
+    let solver = problem(seen.rows.clone(), 80, seen.panorama);
+    let shifted_start = |shift: f64| {
+        let mut start = vec![[0.0; 3]; solver.unknown_count()];
+        for (value, s) in start[80..].iter_mut().zip(&seen.specular) {
+            *value = [s + shift; 3];
+        }
+        for (value, d) in start[..80].iter_mut().zip(&seen.diffuse) {
+            *value = [d - f64::from(GAIN) * shift; 3];
+        }
+        start
+    };
+    let from = |settings: &JointSettings, shift: f64| -> Vec<f64> {
+        solver.solve_from(settings, shifted_start(shift)).unknowns.iter().map(|v| v[0]).collect()
+    };
+    let distance = |a: &[f64], b: &[f64]| {
+        a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    };
+    let settings = tight(0.5);
+    let held = distance(&from(&settings, 0.0), &from(&settings, 0.2));
+    // Naive: no gauge. A few steps of an unregularised descent stay wherever they started.
+    let mut naive = tight(1e-9);
+    naive.smoothness = 0.0;
+    naive.specular_to_zero = 0.0;
+    naive.solver.steps = 60;
+    naive.solver.passes = 1;
+    naive.rounds = 1;
+    let mut positive = scene(2, 8, 80, 40, 128, 0.0);
+    // Without black prints nothing bounds the offset.
+    positive.rows = positive
+        .rows
+        .iter()
+        .map(|r| Row { observed: r.observed.map(|v| v + 0.2), ..*r })
+        .collect();
+    let free = problem(positive.rows, 80, positive.panorama);
+    let start = |shift: f64| {
+        let mut start = shifted_start(shift);
+        for value in &mut start[..80] {
+            *value = value.map(|v| v + 0.2);
+        }
+        start
+    };
+    let solve = |shift: f64| -> Vec<f64> {
+        free.solve_from(&naive, start(shift)).unknowns.iter().map(|v| v[0]).collect()
+    };
+    let naive_distance = distance(&solve(0.0), &solve(0.2));
+    assert!(naive_distance > 0.1, "naive: {naive_distance}");
+    report("H02", held, TOLERANCE);
+    assert!(held <= TOLERANCE, "{held}");
+}
+
+#[test]
+fn hc_h02_a_floor_of_zero_is_a_worse_gauge_than_a_dark_texture() {
+    // Light walls: S never falls below 0.2.
+    let seen = scene(12, 8, 80, 40, 128, 0.002);
+    let solved = problem(seen.rows.clone(), 80, seen.panorama).solve(&tight(0.5));
+    let log_rmse = |values: &[f64]| {
+        let sum: f64 = values
+            .iter()
+            .zip(&seen.specular)
+            .map(|(s, t)| (s.clamp(0.01, 1.0).ln() - t.clamp(0.01, 1.0).ln()).powi(2))
+            .sum();
+        (sum / values.len() as f64).sqrt()
+    };
+    let ours: Vec<f64> = solved.specular.iter().map(|v| f64::from(v[0])).collect();
+    let mut sorted = ours.clone();
+    let floor = geometry::robust::quantile(&mut sorted, 0.01).unwrap();
+    let naive: Vec<f64> = ours.iter().map(|s| (s - floor).max(0.0)).collect();
+    let (held, failed) = (log_rmse(&ours), log_rmse(&naive));
+    report("H02 gauge", held, 0.2);
+    assert!(failed > 2.0 * held && held < 0.2, "ours {held}, zero floor {failed}");
+}
+
+#[test]
+fn hc_h03_a_few_wrong_visibilities_do_not_move_the_map() {
+    let mean_shift = |settings: &JointSettings, share: f64, edge_weight: f32| {
+        let seen = scene(3, 7, 300, 12, 98, 0.002);
+        let mut rng = generator(33);
+        let mut right = Rows::default();
+        let mut wrong = Rows::default();
+        for row in seen.rows.iter() {
+            let blocked = rng.random::<f64>() < 0.01;
+            let mut clean = *row;
+            if blocked {
+                // The mirrored ray meets black: only D is seen.
+                let texel = clean.texels[0] as usize;
+                clean.observed = clean.observed.map(|v| v - GAIN * seen.specular[texel] as f32);
+                clean.taps = [0.0; 4];
+                clean.weight = edge_weight;
+            }
+            let mut flipped = clean;
+            if rng.random::<f64>() < share {
+                flipped.taps = if blocked { row.taps } else { [0.0; 4] };
+                flipped.weight = edge_weight;
+            }
+            right.push(clean);
+            wrong.push(flipped);
+        }
+        let mean = |rows: Rows| {
+            let solved = problem(rows, 300, seen.panorama).solve(settings);
+            solved.specular.iter().map(|v| f64::from(v[0])).sum::<f64>() / 98.0
+        };
+        (mean(right) - mean(wrong)).abs()
+    };
+    // Naive: least squares, no gauge, all rows alike.
+    let mut naive = tight(1e-6);
+    naive.smoothness = 0.0;
+    naive.specular_to_zero = 1e-9;
+    naive.residual_scale = 1e6;
+    naive.rounds = 1;
+    let failed = mean_shift(&naive, 0.01, 1.0);
+    let (few, many) = (mean_shift(&tight(0.5), 0.001, 0.25), mean_shift(&tight(0.5), 0.01, 0.25));
+    report("H03", many, 0.02);
+    assert!(failed > 0.02, "naive: {failed}");
+    assert!(few <= 0.005 && many <= 0.02, "{few} {many}");
+}
+
+#[test]
+fn hc_h07_a_rough_material_gives_its_blurred_room_and_not_its_inverse() {
+    // A blurred ring of 64 directions seen with 1 % noise.
+    const NOISE: f64 = 0.01;
+    let mut rng = generator(7);
+    let sharp: Vec<f64> = (0..64).map(|i| if i % 16 < 3 { 1.0 } else { 0.1 }).collect();
+    let kernel: Vec<f64> = (-20..=20).map(|d| (-0.5 * (f64::from(d) / 5.0).powi(2)).exp()).collect();
+    let total: f64 = kernel.iter().sum();
+    let blurred: Vec<f64> = (0..64)
+        .map(|i| {
+            kernel
+                .iter()
+                .enumerate()
+                .map(|(k, w)| w / total * sharp[(i + 64 + k - 20) % 64])
+                .sum()
+        })
+        .collect();
+    let panorama = geometry::PanoramaSize::from_height(32).unwrap();
+    let mut rows = Rows::default();
+    for _ in 0..8 {
+        for (i, value) in blurred.iter().enumerate() {
+            let noise = NOISE * (rng.random::<f64>() - 0.5) * 3.4;
+            // A black point reflects the equator.
+            rows.push(row(0, (16 * 64 + i) as u32, 1.0, value + noise));
+        }
+    }
+    // A second, diffuse-only row pins D at zero.
+    for _ in 0..200 {
+        rows.push(row(0, 0, 0.0, 0.0));
+    }
+    let solved = problem(rows, 1, panorama).solve(&tight(0.5));
+    let ours: Vec<f64> = (0..64).map(|i| f64::from(solved.specular[16 * 64 + i][0])).collect();
+    let error = ours.iter().zip(&blurred).map(|(a, b)| (a - b).abs()).sum::<f64>() / 64.0;
+    // Naive: undo the blur by repeated correction until it fits the noise.
+    let noisy: Vec<f64> = blurred.iter().map(|b| b + NOISE * (rng.random::<f64>() - 0.5) * 3.4).collect();
+    let mut naive = noisy.clone();
+    for _ in 0..20_000 {
+        let again: Vec<f64> = (0..64)
+            .map(|i| {
+                kernel.iter().enumerate().map(|(k, w)| w / total * naive[(i + 64 + k - 20) % 64]).sum::<f64>()
+            })
+            .collect();
+        for i in 0..64 {
+            naive[i] += noisy[i] - again[i];
+        }
+    }
+    assert!(naive.iter().copied().fold(f64::INFINITY, f64::min) < -0.05, "naive: rings below zero");
+    assert!(ours.iter().all(|v| *v >= 0.0));
+    report("H07", error, 1.5 * NOISE);
+    assert!(error <= 1.5 * NOISE, "{error}");
+}
+
+#[test]
+fn hc_h08_conjugate_gradients_reach_the_answer_of_a_bad_condition() {
+    const TOLERANCE: f64 = 1e-5;
+    let panorama = geometry::PanoramaSize::from_height(16).unwrap();
+    let mut rng = generator(8);
+    let mut rows = Rows::default();
+    let mut expected = Vec::new();
+    for i in 0..400_u32 {
+        let (d, s) = (0.2 + 0.3 * rng.random::<f64>(), 0.3 + 0.4 * rng.random::<f64>());
+        // Two views whose taps differ by 0.3 %: the condition is about 1e6.
+        let pair = [0.3_f32, 0.301].map(|tap| row(i, i, tap, d + f64::from(tap) * s));
+        let [a, b] = pair.map(|r| (f64::from(r.taps[0]), f64::from(r.observed[0])));
+        let s_exact = (b.1 - a.1) / (b.0 - a.0);
+        expected.push((a.1 - a.0 * s_exact, s_exact, a, b));
+        for one in pair {
+            rows.push(one);
+        }
+    }
+    let mut settings = tight(1e-13);
+    settings.smoothness = 0.0;
+    settings.specular_to_zero = 1e-13;
+    settings.rounds = 1;
+    let solved = problem(rows, 400, panorama).solve(&settings);
+    let mut worst: f64 = 0.0;
+    let mut naive_worst: f64 = 0.0;
+    for (i, (d, s, a, b)) in expected.iter().enumerate() {
+        worst = worst.max((solved.unknowns[i][0] - d).abs()).max((solved.unknowns[400 + i][0] - s).abs());
+        naive_worst = naive_worst.max((f64::from(naive_normal_equations(*a, *b)) - s).abs());
+    }
+    let (reported, recursive) = (solved.report.relative_residual, solved.report.recursive_residual);
+    assert!(naive_worst > 100.0 * TOLERANCE, "naive f32 normal equations: {naive_worst}");
+    report("H08", worst, TOLERANCE);
+    assert!(worst <= TOLERANCE, "{worst}");
+    assert!(reported < 1e-9 && recursive < 1e-9, "{reported} {recursive}");
+}
+
+/// S of two rows by f32 normal equations.
+fn naive_normal_equations(a: (f64, f64), b: (f64, f64)) -> f32 {
+    let (a0, y0, a1, y1) = (a.0 as f32, a.1 as f32, b.0 as f32, b.1 as f32);
+    let (h00, h01, h11) = (2.0_f32, a0 + a1, a0 * a0 + a1 * a1);
+    let (g0, g1) = (y0 + y1, a0 * y0 + a1 * y1);
+    (h00 * g1 - h01 * g0) / (h00 * h11 - h01 * h01)
+}
+
+#[test]
+fn hc_h09_the_bounded_answer_meets_its_optimality_conditions() {
+    const TOLERANCE: f64 = 1e-4;
+    // Dark room, noisy rows: many texels want to be negative.
+    let mut seen = scene(9, 8, 60, 24, 128, 0.0);
+    let mut rng = generator(99);
+    seen.rows = seen
+        .rows
+        .iter()
+        .map(|r| {
+            let dark = r.texels[0] % 3 != 0;
+            let base = seen.diffuse[r.vertices[0] as usize]
+                + if dark { 0.0 } else { f64::from(GAIN) * seen.specular[r.texels[0] as usize] };
+            let noise = 0.1 * (rng.random::<f64>() - 0.5);
+            Row { observed: [(base + noise) as f32; 3], ..*r }
+        })
+        .collect();
+    let mut settings = tight(0.05);
+    settings.smoothness = 1e-3;
+    settings.rounds = 1;
+    let solver = problem(seen.rows, 60, seen.panorama);
+    let weights = solver.first_weights();
+    let violation = |x: &[[f64; 3]]| {
+        let gradient = solver.apply(&weights, &settings.regularisation(), x);
+        let right = solver.right_side(&weights);
+        let diagonal = solver.information(&weights);
+        let mut worst: f64 = 0.0;
+        for i in 0..x.len() {
+            let g = (gradient[i][0] - right[i][0]) / (diagonal[i][0] + 0.05);
+            worst = worst.max(if x[i][0] > 0.0 { g.abs() } else { (-g).max(0.0) });
+        }
+        worst
+    };
+    let solved = solver.solve(&settings);
+    assert!(solved.specular.iter().filter(|v| v[0] == 0.0).count() > 10, "bounds are at work");
+    // Naive: the unbounded answer, clamped at the end.
+    let held = vec![false; solver.unknown_count()];
+    let quadratic = srm::solver::Quadratic {
+        problem: &solver,
+        weights: &weights,
+        regularisation: settings.regularisation(),
+        right_side: solver.right_side(&weights),
+        held: &held,
+    };
+    let mut naive = vec![[0.0; 3]; solver.unknown_count()];
+    quadratic.solve_unbounded(&mut naive, &settings.solver);
+    for value in &mut naive {
+        *value = value.map(|v| v.max(0.0));
+    }
+    let (held, failed) = (violation(&solved.unknowns), violation(&naive));
+    assert!(failed > 10.0 * TOLERANCE, "naive clamp: {failed}");
+    report("H09", held, TOLERANCE);
+    assert!(held <= TOLERANCE, "{held}");
+}
+
+#[test]
+fn hc_h10_clipped_pixels_are_lower_bounds() {
+    // Two lamps ten times the white level on the equator; each point sees them and the walls with
+    // different taps. The second lamp is only ever seen clipped.
+    const LAMP: usize = 4 * 16 + 3;
+    const BOUND: usize = 4 * 16 + 11;
+    let panorama = geometry::PanoramaSize::from_height(8).unwrap();
+    let mut rng = generator(10);
+    let truth: Vec<f64> =
+        (0..128).map(|i| if i == LAMP || i == BOUND { 10.0 } else { 0.3 }).collect();
+    let mut rows = Rows::default();
+    for view in 0..1000_u32 {
+        for vertex in 0..20_u32 {
+            let texel = rng.random_range(0..128_u32);
+            let tap = if texel as usize == BOUND { 0.3 } else { 0.03 + 0.15 * rng.random::<f32>() };
+            let value = 0.05 + f64::from(tap) * truth[texel as usize];
+            let mut row = row(vertex, texel, tap, value.min(1.0));
+            row.clipped = if value >= 1.0 { 0b111 } else { 0 };
+            row.frame = view;
+            rows.push(row);
+        }
+    }
+    let clipped: Rows = rows.iter().copied().collect();
+    let settings = JointSettings { rounds: 12, ..tight(1e-3) };
+    let solver = problem(rows, 20, panorama);
+    let solved = solver.solve(&settings);
+    // Naive: the clipped code is taken for the value.
+    let equal: Rows = clipped.iter().map(|r| Row { clipped: 0, ..*r }).collect();
+    let naive = problem(equal, 20, panorama).solve(&settings);
+    let (lamp, dimmed) = (f64::from(solved.specular[LAMP][0]), f64::from(naive.specular[LAMP][0]));
+    assert!((dimmed - 10.0).abs() > 2.0, "naive: the lamp dims to {dimmed}");
+    assert!((lamp - 10.0).abs() <= 0.5, "{lamp}");
+    let bound = f64::from(solved.specular[BOUND][0]);
+    assert!(bound >= 0.95 / 0.3 - 0.5, "a lower bound is met: {bound}");
+    let worst = (0..128)
+        .filter(|&i| i != LAMP && i != BOUND)
+        .map(|i| (f64::from(solved.specular[i][0]) / 0.3 - 1.0).abs())
+        .fold(0.0, f64::max);
+    report("H10", worst, 0.02);
+    assert!(worst <= 0.02, "{worst}");
+    let confidence = solver.confidence(&solved, 0.01, true);
+    assert!(confidence.flags[BOUND].has(TexelFlags::SATURATED) && !confidence.flags[5].has(TexelFlags::SATURATED));
+}
+
+#[test]
+fn hc_h11_no_row_outweighs_the_others_a_hundred_times() {
+    let mut rng = generator(11);
+    let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
+    let (mut naive_least, mut naive_most) = (f64::INFINITY, 0.0_f64);
+    for _ in 0..20_000 {
+        let residual = if rng.random::<f64>() < 0.3 { 0.0 } else { 2.0 * (rng.random::<f64>() - 0.5) };
+        let weight = f64::from(row_weights(&row(0, 0, GAIN, residual), [0.0; 3], 0.03)[0]);
+        (least, most) = (least.min(weight), most.max(weight));
+        let naive = 1.0 / residual.abs().max(1e-8);
+        (naive_least, naive_most) = (naive_least.min(naive), naive_most.max(naive));
+    }
+    assert!(naive_most / naive_least > 1e6, "naive L1 weights");
+    report("H11", most / least, 100.0);
+    assert!(most / least <= 100.0);
+}
+
+#[test]
+fn hc_h12_the_predicted_bar_is_the_one_that_normal_noise_leaves() {
+    let mut rng = generator(12);
+    for degrees in [0.25_f64, 0.5, 1.0, 2.0] {
+        let sigma = degrees.to_radians();
+        let predicted = srm::resolution::finest_bar(sigma);
+        // Reflections err by twice the normal: average a wave over that error and find where 0.1 is left.
+        let errors: Vec<f64> = (0..20_000)
+            .map(|_| {
+                let gauss: f64 = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
+                2.0 * sigma * gauss
+            })
+            .collect();
+        let modulation = |bar: f64| {
+            let wave = std::f64::consts::PI / bar;
+            errors.iter().map(|e| (wave * e).cos()).sum::<f64>() / errors.len() as f64
+        };
+        let mut measured = predicted * 0.2;
+        while modulation(measured) < 0.1 {
+            measured *= 1.02;
+        }
+        // Naive: the normal's own error, as if a mirror did not double it.
+        let naive = srm::resolution::finest_bar(0.5 * sigma);
+        assert!(measured / naive > 1.5, "naive");
+        report("H12", (measured / predicted).max(predicted / measured), 1.5);
+        assert!((measured / predicted).max(predicted / measured) < 1.5, "{measured} {predicted}");
+    }
+}
+
+#[test]
+fn hc_h13_disjoint_mirrors_are_two_parts_with_offsets_of_their_own() {
+    let panorama = geometry::PanoramaSize::from_height(8).unwrap();
+    let mut rng = generator(13);
+    let mut rows = Rows::default();
+    for _ in 0..2000 {
+        let side = rng.random_range(0..2_u32);
+        let (vertex, texel) = (side * 10 + rng.random_range(0..10), side * 64 + rng.random_range(0..30));
+        // Both sides have one dark print each; the second room is lighter.
+        let dark = if vertex % 10 == 0 { 0.0 } else { 0.2 };
+        rows.push(row(vertex, texel, GAIN, dark + f64::from(GAIN) * (0.3 + 0.4 * f64::from(side))));
+    }
+    let solver = problem(rows, 20, panorama);
+    let mut settings = tight(0.05);
+    settings.specular_to_zero = 1e-6;
+    let solved = solver.solve(&settings);
+    assert_eq!(solver.component_count(), 2);
+    let mean = |from: usize| {
+        (from..from + 30).map(|i| f64::from(solved.specular[i][0])).sum::<f64>() / 30.0
+    };
+    let (first, second) = (mean(0), mean(64));
+    let worst = (first - 0.3).abs().max((second - 0.7).abs());
+    // Naive: one offset for both, that of the first mirror, taken from the whole.
+    let naive = ((first + second) / 2.0 - 0.3_f64).abs();
+    assert!(naive > 0.1);
+    report("H13", worst, 0.05);
+    assert!(worst <= 0.05, "{first} {second}");
+}
+
+#[test]
+fn hc_h14_a_person_who_walks_along_leaves_no_bias_outside_the_trail() {
+    // In 5 % of the rows a dark person stands before the room.
+    let seen = scene(14, 8, 60, 60, 128, 0.005);
+    let mut rng = generator(140);
+    let mut trail = vec![0_usize; 128];
+    let rows: Rows = seen
+        .rows
+        .iter()
+        .map(|r| {
+            let texel = r.texels[0] as usize;
+            let mut r = *r;
+            if rng.random::<f64>() < 0.05 {
+                trail[texel] += 1;
+                r.observed = [seen.diffuse[r.vertices[0] as usize] as f32; 3];
+            }
+            r
+        })
+        .collect();
+    let bias = |settings: &JointSettings| {
+        let solved = problem(rows.clone(), 60, seen.panorama).solve(settings);
+        let sum: f64 = (0..128).map(|i| f64::from(solved.specular[i][0]) - seen.specular[i]).sum();
+        (sum / seen.specular.iter().sum::<f64>()).abs()
+    };
+    // What remains without a person is the prior's own, not the trail's.
+    let mut robust = tight(1e-3);
+    robust.specular_to_zero = 1e-5;
+    robust.rounds = 8;
+    let mut naive = robust.clone();
+    naive.rounds = 1;
+    let (held, failed) = (bias(&robust), bias(&naive));
+    report("H14", held, 0.03);
+    assert!(failed > 0.03, "naive least squares: {failed}");
+    assert!(held <= 0.03, "{held}");
+}
+
+#[test]
+fn the_same_bits_for_any_number_of_threads() {
+    let seen = scene(20, 16, 400, 30, 512, 0.01);
+    let solver = problem(seen.rows, 400, seen.panorama);
+    let solve = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| solver.solve(&JointSettings::default()).unknowns)
+    };
+    let one = solve(1);
+    assert_eq!(one, solve(2));
+    assert_eq!(one, solve(5));
+}
