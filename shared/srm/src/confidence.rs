@@ -50,7 +50,10 @@ impl Confidence {
             confidence: vec![0.0; texel_count],
             sigma: vec![[f32::INFINITY; 3]; texel_count],
             sample_count: vec![0.0; texel_count],
-            flags: vec![TexelFlags(TexelFlags::UNCOVERED | TexelFlags::OFFSET_UNOBSERVED); texel_count],
+            flags: vec![
+                TexelFlags(TexelFlags::UNCOVERED | TexelFlags::OFFSET_UNOBSERVED);
+                texel_count
+            ],
             noise: SMALLEST_NOISE,
         }
     }
@@ -58,7 +61,12 @@ impl Confidence {
 
 impl Problem {
     /// The confidence of a solution, with the robust residual of rows that it never saw.
-    pub fn confidence(&self, solution: &Solution, held_out_sigma: f64, offset_observed: bool) -> Confidence {
+    pub fn confidence(
+        &self,
+        solution: &Solution,
+        held_out_sigma: f64,
+        offset_observed: bool,
+    ) -> Confidence {
         let n = self.vertex_count();
         let noise = held_out_sigma.max(SMALLEST_NOISE);
         let information = self.information(&solution.weights);
@@ -103,9 +111,19 @@ impl Problem {
             if !offset_observed {
                 flags |= TexelFlags::OFFSET_UNOBSERVED;
             }
-            result.confidence.push((luminance_info / (luminance_info + ratio)) as f32);
-            result.sigma.push(info.map(|i| if i > 0.0 { (noise / i.sqrt()) as f32 } else { f32::INFINITY }));
-            result.sample_count.push((reached[texel] / strongest) as f32);
+            result
+                .confidence
+                .push((luminance_info / (luminance_info + ratio)) as f32);
+            result.sigma.push(info.map(|i| {
+                if i > 0.0 {
+                    (noise / i.sqrt()) as f32
+                } else {
+                    f32::INFINITY
+                }
+            }));
+            result
+                .sample_count
+                .push((reached[texel] / strongest) as f32);
             result.flags.push(TexelFlags(flags));
         }
         result
@@ -128,7 +146,16 @@ impl Problem {
                     }
                     let mut sum = [0.0_f32; 3];
                     let mut count = 0.0;
-                    for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (-1, 1), (1, -1)] {
+                    for (dx, dy) in [
+                        (-1, 0),
+                        (1, 0),
+                        (0, -1),
+                        (0, 1),
+                        (-1, -1),
+                        (1, 1),
+                        (-1, 1),
+                        (1, -1),
+                    ] {
                         let neighbour = size.wrap(column + dx, row + dy) as usize;
                         if known[neighbour] {
                             for c in 0..3 {

@@ -59,13 +59,19 @@ const ALONE_WEIGHT: f64 = 1e-3;
 impl Default for JointSettings {
     fn default() -> Self {
         Self {
-            diffuse: DiffuseTreatment::PulledToZero { weight: DEFAULT_DIFFUSE_WEIGHT },
+            diffuse: DiffuseTreatment::PulledToZero {
+                weight: DEFAULT_DIFFUSE_WEIGHT,
+            },
             smoothness: 0.02,
             specular_to_zero: 0.002,
             residual_scale: 0.03,
             edge_scale: 0.2,
             rounds: 4,
-            solver: SolverSettings { steps: 60, passes: 2, tolerance: 1e-4 },
+            solver: SolverSettings {
+                steps: 60,
+                passes: 2,
+                tolerance: 1e-4,
+            },
         }
     }
 }
@@ -91,7 +97,8 @@ impl JointSettings {
     /// The regularisers of these settings.
     pub fn regularisation(&self) -> Regularisation {
         let diffuse_to_prior = match &self.diffuse {
-            DiffuseTreatment::PulledToZero { weight } | DiffuseTreatment::PulledTo { weight, .. } => *weight,
+            DiffuseTreatment::PulledToZero { weight }
+            | DiffuseTreatment::PulledTo { weight, .. } => *weight,
             DiffuseTreatment::Fixed { .. } | DiffuseTreatment::Alone => ALONE_WEIGHT,
         };
         Regularisation {
@@ -166,14 +173,19 @@ impl Problem {
                     target[c] += regularisation.diffuse_to_prior * aim[c];
                 }
             }
-            let quadratic =
-                Quadratic { problem: self, weights: &weights, regularisation, right_side, held: &held };
+            let quadratic = Quadratic {
+                problem: self,
+                weights: &weights,
+                regularisation,
+                right_side,
+                held: &held,
+            };
             report = quadratic.minimise(&mut unknowns, &settings.solver);
         }
         let mut residuals: Vec<f64> =
             self.map_rows(|_, row| row_residual(row, self.predict(row, &unknowns)).abs());
-        let residual_sigma =
-            geometry::robust::MAD_TO_SIGMA * geometry::robust::median(&mut residuals).unwrap_or(0.0);
+        let residual_sigma = geometry::robust::MAD_TO_SIGMA
+            * geometry::robust::median(&mut residuals).unwrap_or(0.0);
         Solution {
             diffuse: unknowns[..n].iter().map(|v| v.map(|v| v as f32)).collect(),
             specular: unknowns[n..].iter().map(|v| v.map(|v| v as f32)).collect(),

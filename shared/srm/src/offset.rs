@@ -33,7 +33,12 @@ impl Problem {
     ///
     /// Solves H z = v for v the unit step of all covered texels with D making up for it as far as it may
     /// (D above zero); the variance of the mean of S is vᵀz · noise².
-    pub fn offset_condition(&self, solution: &Solution, settings: &JointSettings, noise: f64) -> OffsetCondition {
+    pub fn offset_condition(
+        &self,
+        solution: &Solution,
+        settings: &JointSettings,
+        noise: f64,
+    ) -> OffsetCondition {
         let n = self.vertex_count();
         let regularisation = settings.regularisation();
         let mut held: Vec<bool> = vec![false; n];
@@ -57,17 +62,37 @@ impl Problem {
             held: &held,
         };
         let mut response = vec![[0.0; 3]; self.unknown_count()];
-        let steps = SolverSettings { steps: 120, passes: 1, tolerance: 1e-5 };
+        let steps = SolverSettings {
+            steps: 120,
+            passes: 1,
+            tolerance: 1e-5,
+        };
         quadratic.solve_unbounded(&mut response, &steps);
-        let variance: f64 =
-            (n..self.unknown_count()).map(|i| mean_of_s[i][1] * response[i][1]).sum::<f64>() * noise * noise;
+        let variance: f64 = (n..self.unknown_count())
+            .map(|i| mean_of_s[i][1] * response[i][1])
+            .sum::<f64>()
+            * noise
+            * noise;
         let mut prior_part = vec![[0.0; 3]; self.unknown_count()];
-        self.add_regularisation(&regularisation, &solution.weights.edges, &response, &mut prior_part);
+        self.add_regularisation(
+            &regularisation,
+            &solution.weights.edges,
+            &response,
+            &mut prior_part,
+        );
         let whole = self.apply(&solution.weights, &regularisation, &response);
-        let inner = |a: &[Rgb]| a.iter().zip(&response).map(|(a, b)| a[1] * b[1]).sum::<f64>();
+        let inner = |a: &[Rgb]| {
+            a.iter()
+                .zip(&response)
+                .map(|(a, b)| a[1] * b[1])
+                .sum::<f64>()
+        };
         let (prior_curvature, curvature) = (inner(&prior_part), inner(&whole));
-        let data_fraction =
-            if curvature > 0.0 { (1.0 - prior_curvature / curvature).clamp(0.0, 1.0) } else { 0.0 };
+        let data_fraction = if curvature > 0.0 {
+            (1.0 - prior_curvature / curvature).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
         OffsetCondition {
             sigma: variance.max(0.0).sqrt(),
             data_fraction,
@@ -87,8 +112,12 @@ impl Problem {
                 .zip(&row.taps)
                 .filter(|(_, tap)| **tap > 0.0)
                 .map(|(texel, _)| n as u32 + texel);
-            let vertices =
-                row.vertices.iter().zip(&row.barycentric).filter(|(_, b)| **b > 0.0).map(|(v, _)| *v);
+            let vertices = row
+                .vertices
+                .iter()
+                .zip(&row.barycentric)
+                .filter(|(_, b)| **b > 0.0)
+                .map(|(v, _)| *v);
             let mut first = None;
             let mut reaches_a_texel = false;
             for unknown in vertices.chain(texels) {
@@ -106,8 +135,10 @@ impl Problem {
                 seen[root as usize] = true;
             }
         }
-        let roots: std::collections::BTreeSet<u32> =
-            (0..seen.len()).filter(|&i| seen[i]).map(|i| find(&mut parent, i as u32)).collect();
+        let roots: std::collections::BTreeSet<u32> = (0..seen.len())
+            .filter(|&i| seen[i])
+            .map(|i| find(&mut parent, i as u32))
+            .collect();
         roots.len()
     }
 }

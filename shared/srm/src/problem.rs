@@ -65,16 +65,29 @@ impl Problem {
         let mut covered = vec![false; texel_count];
         for (position, row) in rows.iter().enumerate() {
             if let Some(&vertex) = row.vertices.iter().find(|&&v| v as usize >= vertex_count) {
-                return Err(SrmError::VertexOutOfRange { row: position, vertex, vertex_count });
+                return Err(SrmError::VertexOutOfRange {
+                    row: position,
+                    vertex,
+                    vertex_count,
+                });
             }
             if let Some(&texel) = row.texels.iter().find(|&&t| t as usize >= texel_count) {
-                return Err(SrmError::TexelOutOfRange { row: position, texel, texel_count });
+                return Err(SrmError::TexelOutOfRange {
+                    row: position,
+                    texel,
+                    texel_count,
+                });
             }
             for (&texel, &tap) in row.texels.iter().zip(&row.taps) {
                 covered[texel as usize] |= tap > 0.0;
             }
         }
-        Ok(Self { rows, vertex_count, panorama, covered })
+        Ok(Self {
+            rows,
+            vertex_count,
+            panorama,
+            covered,
+        })
     }
 
     /// The rows.
@@ -170,16 +183,19 @@ impl Problem {
             })
             .collect();
         let mut total = vec![[0.0; 3]; self.unknown_count()];
-        total.par_chunks_mut(REDUCE_CHUNK).enumerate().for_each(|(chunk, values)| {
-            let start = chunk * REDUCE_CHUNK;
-            for tile in &tiles {
-                for (value, part) in values.iter_mut().zip(&tile[start..]) {
-                    value[0] += part[0];
-                    value[1] += part[1];
-                    value[2] += part[2];
+        total
+            .par_chunks_mut(REDUCE_CHUNK)
+            .enumerate()
+            .for_each(|(chunk, values)| {
+                let start = chunk * REDUCE_CHUNK;
+                for tile in &tiles {
+                    for (value, part) in values.iter_mut().zip(&tile[start..]) {
+                        value[0] += part[0];
+                        value[1] += part[1];
+                        value[2] += part[2];
+                    }
                 }
-            }
-        });
+            });
         total
     }
 
@@ -203,7 +219,8 @@ impl Problem {
             let weight = weights.rows[index];
             let mut value = [0.0; 3];
             for c in 0..3 {
-                value[c] = f64::from(weight[c]) * (f64::from(row.observed[c]) - f64::from(row.known[c]));
+                value[c] =
+                    f64::from(weight[c]) * (f64::from(row.observed[c]) - f64::from(row.known[c]));
             }
             self.scatter(row, value, buffer);
         })
@@ -221,7 +238,10 @@ impl Problem {
             }
             for (&texel, &a) in row.texels.iter().zip(&row.taps) {
                 let square = f64::from(a) * f64::from(a);
-                for (target, w) in buffer[self.vertex_count + texel as usize].iter_mut().zip(weight) {
+                for (target, w) in buffer[self.vertex_count + texel as usize]
+                    .iter_mut()
+                    .zip(weight)
+                {
                     *target += square * w;
                 }
             }
@@ -230,6 +250,11 @@ impl Problem {
 
     /// One value for each row, in order.
     pub fn map_rows<T: Send>(&self, value: impl Fn(usize, &Row) -> T + Sync + Send) -> Vec<T> {
-        self.rows.as_slice().par_iter().enumerate().map(|(index, row)| value(index, row)).collect()
+        self.rows
+            .as_slice()
+            .par_iter()
+            .enumerate()
+            .map(|(index, row)| value(index, row))
+            .collect()
     }
 }

@@ -19,7 +19,10 @@ const LARGEST_LONGITUDE_WEIGHT: f64 = 20.0;
 impl Problem {
     /// The covered right and lower neighbours of a covered texel; columns wrap, rows end at the poles.
     pub(crate) fn neighbours(&self, index: usize) -> [Option<usize>; 2] {
-        let (width, height) = (self.panorama().width() as usize, self.panorama().height() as usize);
+        let (width, height) = (
+            self.panorama().width() as usize,
+            self.panorama().height() as usize,
+        );
         let (row, column) = (index / width, index % width);
         let right = row * width + (column + 1) % width;
         let below = index + width;
@@ -66,7 +69,8 @@ impl Problem {
             }
             for (other, weight) in self.edges(index, edge_weights).into_iter().flatten() {
                 for c in 0..3 {
-                    let pull = regularisation.smoothness * weight * (x[n + index][c] - x[n + other][c]);
+                    let pull =
+                        regularisation.smoothness * weight * (x[n + index][c] - x[n + other][c]);
                     result[n + index][c] += pull;
                     result[n + other][c] -= pull;
                 }

@@ -87,7 +87,9 @@ impl Rows {
     /// The rows for which `keep` says so, in order.
     #[must_use]
     pub fn filtered(&self, mut keep: impl FnMut(&Row) -> bool) -> Self {
-        Self { rows: self.rows.iter().copied().filter(|row| keep(row)).collect() }
+        Self {
+            rows: self.rows.iter().copied().filter(|row| keep(row)).collect(),
+        }
     }
 
     /// The distinct frames, ascending.
@@ -98,7 +100,8 @@ impl Rows {
 
     /// The distinct segments, ascending.
     pub fn segments(&self) -> Vec<u16> {
-        let set: std::collections::BTreeSet<u16> = self.rows.iter().map(|row| row.segment).collect();
+        let set: std::collections::BTreeSet<u16> =
+            self.rows.iter().map(|row| row.segment).collect();
         set.into_iter().collect()
     }
 }

@@ -63,13 +63,17 @@ pub fn held_out(
     for row in judge.iter() {
         if row.vertices.iter().all(|&v| known_vertices[v as usize]) {
             let residual = row_residual(row, problem.predict(row, unknowns)).abs();
-            residuals.entry(row.segment).or_default().push((row.frame, residual));
+            residuals
+                .entry(row.segment)
+                .or_default()
+                .push((row.frame, residual));
         }
     }
     residuals
         .into_iter()
         .map(|(segment, values)| {
-            let cost = |r: f64| residual_scale * ((1.0 + (r / residual_scale).powi(2)).sqrt() - 1.0);
+            let cost =
+                |r: f64| residual_scale * ((1.0 + (r / residual_scale).powi(2)).sqrt() - 1.0);
             let count = values.len();
             let error = values.iter().map(|(_, r)| cost(*r)).sum::<f64>() / count as f64;
             let mut frames: BTreeMap<u32, (f64, f64)> = BTreeMap::new();
@@ -78,11 +82,22 @@ pub fn held_out(
                 entry.0 += cost(*r);
                 entry.1 += 1.0;
             }
-            let by_frame = frames.into_iter().map(|(frame, (sum, n))| (frame, sum / n)).collect();
+            let by_frame = frames
+                .into_iter()
+                .map(|(frame, (sum, n))| (frame, sum / n))
+                .collect();
             let mut absolute: Vec<f64> = values.iter().map(|(_, r)| *r).collect();
             let sigma = geometry::robust::MAD_TO_SIGMA
                 * geometry::robust::median(&mut absolute).unwrap_or(f64::INFINITY);
-            (segment, HeldOut { error, sigma, count, by_frame })
+            (
+                segment,
+                HeldOut {
+                    error,
+                    sigma,
+                    count,
+                    by_frame,
+                },
+            )
         })
         .collect()
 }
@@ -192,26 +207,46 @@ pub fn choose(
     let problem = Problem::new(fit, vertex_count, panorama)?;
     let known = known_vertices(&problem);
     let scale = settings.residual_scale;
-    let judged = |solution: &Solution| held_out(&problem, &judge, &solution.unknowns, &known, scale);
-    let alone = problem.solve(&JointSettings { diffuse: DiffuseTreatment::Alone, ..settings.clone() });
+    let judged =
+        |solution: &Solution| held_out(&problem, &judge, &solution.unknowns, &known, scale);
+    let alone = problem.solve(&JointSettings {
+        diffuse: DiffuseTreatment::Alone,
+        ..settings.clone()
+    });
     let alone = judged(&alone);
     let mut trials = Vec::new();
     let mut best: Option<(f64, f64, BTreeMap<u16, HeldOut>)> = None;
     for &weight in weights {
         let diffuse = DiffuseTreatment::PulledToZero { weight };
-        let solution = problem.solve(&JointSettings { diffuse, ..settings.clone() });
+        let solution = problem.solve(&JointSettings {
+            diffuse,
+            ..settings.clone()
+        });
         let joint = judged(&solution);
         let (error, sigma) = pooled(&joint, |_| true);
-        trials.push(WeightTrial { weight, error, sigma });
+        trials.push(WeightTrial {
+            weight,
+            error,
+            sigma,
+        });
         if best.as_ref().is_none_or(|(least, _, _)| error <= *least) {
             best = Some((error, weight, joint));
         }
     }
     let (_, weight, joint) = best.ok_or(SrmError::NoRows)?;
     let segments = judge_segments(&alone, &joint);
-    let specular = |segment: u16| segments.iter().any(|s| s.segment == segment && s.is_specular);
+    let specular = |segment: u16| {
+        segments
+            .iter()
+            .any(|s| s.segment == segment && s.is_specular)
+    };
     let (_, held_out_sigma) = pooled(&joint, specular);
-    Ok(Choice { trials, weight, segments, held_out_sigma })
+    Ok(Choice {
+        trials,
+        weight,
+        segments,
+        held_out_sigma,
+    })
 }
 
 /// Error and σ over segments, weighted by their rows.
@@ -223,5 +258,9 @@ fn pooled(by_segment: &BTreeMap<u16, HeldOut>, keep: impl Fn(u16) -> bool) -> (f
         error += judged.error * judged.count as f64;
         sigma += judged.sigma * judged.count as f64;
     }
-    if count > 0.0 { (error / count, sigma / count) } else { (f64::INFINITY, f64::INFINITY) }
+    if count > 0.0 {
+        (error / count, sigma / count)
+    } else {
+        (f64::INFINITY, f64::INFINITY)
+    }
 }

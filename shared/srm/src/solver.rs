@@ -57,20 +57,27 @@ fn dot(a: &[Rgb], b: &[Rgb]) -> f64 {
     let parts: Vec<f64> = a
         .par_chunks(CHUNK)
         .zip(b.par_chunks(CHUNK))
-        .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).sum())
+        .map(|(a, b)| {
+            a.iter()
+                .zip(b)
+                .map(|(a, b)| a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+                .sum()
+        })
         .collect();
     parts.iter().sum()
 }
 
 /// `a += scale · b`.
 fn add_scaled(a: &mut [Rgb], scale: f64, b: &[Rgb]) {
-    a.par_chunks_mut(CHUNK).zip(b.par_chunks(CHUNK)).for_each(|(a, b)| {
-        for (a, b) in a.iter_mut().zip(b) {
-            for c in 0..3 {
-                a[c] += scale * b[c];
+    a.par_chunks_mut(CHUNK)
+        .zip(b.par_chunks(CHUNK))
+        .for_each(|(a, b)| {
+            for (a, b) in a.iter_mut().zip(b) {
+                for c in 0..3 {
+                    a[c] += scale * b[c];
+                }
             }
-        }
-    });
+        });
 }
 
 impl Quadratic<'_> {
@@ -103,7 +110,11 @@ impl Quadratic<'_> {
             &mut diagonal,
         );
         for (value, &held) in diagonal.iter_mut().zip(self.held) {
-            *value = if held { [0.0; 3] } else { value.map(|d| if d > 1e-12 { 1.0 / d } else { 0.0 }) };
+            *value = if held {
+                [0.0; 3]
+            } else {
+                value.map(|d| if d > 1e-12 { 1.0 / d } else { 0.0 })
+            };
         }
         diagonal
     }
@@ -178,7 +189,11 @@ impl Quadratic<'_> {
                 .collect()
         };
         let precondition = |vector: &[Rgb]| -> Vec<Rgb> {
-            vector.par_iter().zip(preconditioner).map(|(v, p)| [0, 1, 2].map(|c| v[c] * p[c])).collect()
+            vector
+                .par_iter()
+                .zip(preconditioner)
+                .map(|(v, p)| [0, 1, 2].map(|c| v[c] * p[c]))
+                .collect()
         };
         let mut residual = masked(right);
         let mut solution = vec![[0.0; 3]; right.len()];

@@ -47,7 +47,8 @@ impl Problem {
     /// `edge_scale` (both linear luminance) lose weight, so that neither an outlier nor a lamp beside a
     /// dark wall pulls its neighbours.
     pub fn reweighted(&self, unknowns: &[Rgb], residual_scale: f64, edge_scale: f64) -> Weights {
-        let rows = self.map_rows(|_, row| row_weights(row, self.predict(row, unknowns), residual_scale));
+        let rows =
+            self.map_rows(|_, row| row_weights(row, self.predict(row, unknowns), residual_scale));
         let specular = &unknowns[self.vertex_count()..];
         let edges = (0..self.panorama().texel_count())
             .map(|texel| {

@@ -48,21 +48,30 @@ pub(crate) fn scene(
     let mut rng = generator(seed);
     let panorama = PanoramaSize::from_height(height).unwrap();
     // Some prints are black: they are what fixes the offset.
-    let diffuse: Vec<f64> =
-        (0..vertex_count).map(|_| (rng.random::<f64>() * 0.6 - 0.2).max(0.0)).collect();
-    let specular: Vec<f64> = (0..panorama.texel_count()).map(|_| 0.2 + 0.8 * rng.random::<f64>()).collect();
+    let diffuse: Vec<f64> = (0..vertex_count)
+        .map(|_| (rng.random::<f64>() * 0.6 - 0.2).max(0.0))
+        .collect();
+    let specular: Vec<f64> = (0..panorama.texel_count())
+        .map(|_| 0.2 + 0.8 * rng.random::<f64>())
+        .collect();
     let mut rows = Rows::default();
     for view in 0..views {
         for (vertex, &d) in diffuse.iter().enumerate() {
             let texel = rng.random_range(0..texel_limit);
-            let jitter = (rng.random::<f64>() + rng.random::<f64>() + rng.random::<f64>() - 1.5) * 2.0;
+            let jitter =
+                (rng.random::<f64>() + rng.random::<f64>() + rng.random::<f64>() - 1.5) * 2.0;
             let observed = d + f64::from(GAIN) * specular[texel] + noise * jitter;
             let mut row = row(vertex as u32, texel as u32, GAIN, observed);
             row.frame = view as u32;
             rows.push(row);
         }
     }
-    TestScene { rows, panorama, diffuse, specular }
+    TestScene {
+        rows,
+        panorama,
+        diffuse,
+        specular,
+    }
 }
 
 /// Prints the line that every hard case prints.
