@@ -1,10 +1,9 @@
 //! Sums over rows: nothing is lost, and their order does not depend on the number of threads.
 
-mod scene;
-
 use geometry::PanoramaSize;
-use scene::{report, row, scene};
 use srm::{JointSettings, Problem, Rows};
+
+use crate::scene::{report, row, scene};
 
 #[test]
 fn hc_f07_scattered_sums_lose_nothing() {

@@ -3,7 +3,7 @@
 use geometry::PanoramaSize;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
-use srm::{Row, Rows};
+use srm::{DiffuseTreatment, JointSettings, Problem, Row, Rows};
 
 /// Gain of every row.
 pub(crate) const GAIN: f32 = 0.3;
@@ -77,4 +77,21 @@ pub(crate) fn scene(
 /// Prints the line that every hard case prints.
 pub(crate) fn report(id: &str, worst: f64, tolerance: f64) {
     println!("{id}, worst error {worst:.3e}, tolerance {tolerance:.3e}");
+}
+
+/// Settings that solve to the end, with D pulled to zero by `weight`.
+pub(crate) fn tight(weight: f64) -> JointSettings {
+    let mut settings = JointSettings {
+        diffuse: DiffuseTreatment::PulledToZero { weight },
+        ..JointSettings::default()
+    };
+    settings.solver.steps = 400;
+    settings.solver.passes = 12;
+    settings.solver.tolerance = 1e-9;
+    settings
+}
+
+/// The problem of `rows`.
+pub(crate) fn problem(rows: Rows, vertex_count: usize, panorama: PanoramaSize) -> Problem {
+    Problem::new(rows, vertex_count, panorama).unwrap()
 }
