@@ -17,9 +17,10 @@ pub enum FusionError {
         /// Voxels given.
         truncation_voxels: f32,
     },
-    /// A weight setting that is not a positive number.
+    /// A weight setting that the running average cannot work with.
     #[error(
-        "weight settings must be positive numbers: cap {weight_cap}, reference depth {reference_depth} m"
+        "a weight cap of {weight_cap} with a reference depth of {reference_depth} m is not usable; the cap \
+         must lie above 0 and up to 1000000, the depth from 0.001 to 1000 m"
     )]
     Weight {
         /// Cap given.
@@ -27,8 +28,8 @@ pub enum FusionError {
         /// Reference depth given, metres.
         reference_depth: f32,
     },
-    /// The depth gate is empty or not a number.
-    #[error("the depth gate {min_depth}..{max_depth} m is empty or not a number")]
+    /// The depth gate is empty, not a number, or reaches beyond 1000 m.
+    #[error("the depth gate {min_depth}..{max_depth} m is empty, not a number, or beyond 1000 m")]
     DepthGate {
         /// Metres given.
         min_depth: f32,

@@ -6,7 +6,7 @@ use super::key::{mix, pack};
 use crate::kernels::integrate::DepthView;
 
 /// Rows of one parallel task. Fixed, so that the order of keys does not depend on threads.
-const BAND_ROWS: usize = 16;
+const BAND_ROWS: usize = 60;
 /// Entries of the per-task cache of recently touched blocks, a power of two.
 const CACHE_ENTRIES: usize = 4096;
 /// Rays per block edge below which every pixel is followed instead of every second one.
@@ -27,6 +27,10 @@ pub(super) struct BlockRays {
     pub down: [f32; 3],
     /// Half of the band to allocate, metres of z.
     pub truncation: f32,
+    /// Samples of the band on each side of the surface.
+    pub half_samples: usize,
+    /// Metres of z between samples.
+    pub sample_step: f32,
 }
 
 /// Blocks that a frame's rays meet.
@@ -37,7 +41,7 @@ pub(super) struct Touched {
     pub out_of_range_count: usize,
 }
 
-/// Walks each ray through depth ± truncation and collects the blocks on the way.
+/// Samples each ray through depth ± truncation and collects the blocks on the way.
 ///
 /// Every second pixel in x and y is followed, and every pixel next to a depth edge, where a thin part
 /// would fall between rays, or so far away that blocks shrink to a few pixels.
@@ -91,68 +95,61 @@ fn walk_row(image: DepthView<'_>, y: usize, every_pixel_beyond: f32, walker: &mu
     }
 }
 
+/// The block that one sample of the last ray fell into.
+#[derive(Clone, Copy)]
+struct LastTouch {
+    cell: [i32; 3],
+    is_repeated: bool,
+}
+
 struct Walker<'a> {
     rays: &'a BlockRays,
+    last: Vec<LastTouch>,
     cache: Vec<(u64, bool)>,
     touched: Touched,
 }
 
 impl<'a> Walker<'a> {
     fn new(rays: &'a BlockRays) -> Self {
-        let touched = Touched {
-            keys: Vec::new(),
-            out_of_range_count: 0,
+        let last = LastTouch {
+            cell: [i32::MIN; 3],
+            is_repeated: true,
         };
         Self {
             rays,
+            last: vec![last; 2 * rays.half_samples + 1],
             cache: vec![(u64::MAX, false); CACHE_ENTRIES],
-            touched,
+            touched: Touched {
+                keys: Vec::new(),
+                out_of_range_count: 0,
+            },
         }
     }
 
-    /// Visits every block between depth − truncation and depth + truncation on one ray.
+    /// Visits the blocks at samples from depth − truncation to depth + truncation on one ray, half a block
+    /// apart at most. The middle sample is the surface point, so no block with surface is passed over; a
+    /// corner of the band that is cut short falls to the samples of other rays.
+    #[inline]
     fn walk(&mut self, x: f32, y: f32, depth: f32) {
         let rays = self.rays;
-        let from_z = (depth - rays.truncation).max(0.0);
-        let to_z = depth + rays.truncation;
-        let mut cell = [0; 3];
-        let mut steps_left = [0; 3];
-        let mut direction = [0; 3];
-        let mut next = [0.0; 3];
-        let mut stride = [0.0; 3];
-        let mut step_count = 0;
-        for axis in 0..3 {
-            let slope = rays.forward[axis] + x * rays.right[axis] + y * rays.down[axis];
-            let (from, to) = (
-                rays.eye[axis] + from_z * slope,
-                rays.eye[axis] + to_z * slope,
-            );
-            let (first, last) = (floor(from), floor(to));
-            cell[axis] = first;
-            steps_left[axis] = (last - first).abs();
-            step_count += steps_left[axis];
-            if steps_left[axis] > 0 {
-                direction[axis] = (last - first).signum();
-                // Fraction of the segment per block, and to the first border.
-                stride[axis] = 1.0 / (to - from).abs();
-                let border = first + i32::from(last > first);
-                next[axis] = (border as f32 - from).abs() * stride[axis];
-            } else {
-                next[axis] = f32::INFINITY;
+        let slope: [f32; 3] = std::array::from_fn(|axis| {
+            rays.forward[axis] + x * rays.right[axis] + y * rays.down[axis]
+        });
+        for sample in 0..self.last.len() {
+            let z = depth + (sample as f32 - rays.half_samples as f32) * rays.sample_step;
+            let cell = std::array::from_fn(|axis| floor(rays.eye[axis] + z * slope[axis]));
+            // Neighbouring rays mostly meet the same blocks; the second meeting still counts.
+            let last = &mut self.last[sample];
+            if last.cell != cell {
+                *last = LastTouch {
+                    cell,
+                    is_repeated: false,
+                };
+                self.touch(cell);
+            } else if !last.is_repeated {
+                last.is_repeated = true;
+                self.touch(cell);
             }
-        }
-        self.touch(cell);
-        // The number of steps is known from the end cells, so rounding cannot run past the end.
-        for _ in 0..step_count {
-            let mut axis = if next[1] < next[0] { 1 } else { 0 };
-            axis = if next[2] < next[axis] { 2 } else { axis };
-            cell[axis] += direction[axis];
-            next[axis] += stride[axis];
-            steps_left[axis] -= 1;
-            if steps_left[axis] == 0 {
-                next[axis] = f32::INFINITY;
-            }
-            self.touch(cell);
         }
     }
 
@@ -179,7 +176,7 @@ impl<'a> Walker<'a> {
 #[inline]
 fn floor(value: f32) -> i32 {
     let truncated = value as i32;
-    truncated - i32::from(truncated as f32 > value)
+    truncated.saturating_sub(i32::from(truncated as f32 > value))
 }
 
 fn length(v: [f32; 3]) -> f32 {

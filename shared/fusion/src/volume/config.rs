@@ -6,6 +6,15 @@ use crate::error::FusionError;
 
 /// Least truncation in voxels: below √3 a surface has holes, below 4 a noisy one does (hard-cases D06).
 pub const MIN_TRUNCATION_VOXELS: f32 = 4.0;
+/// Most truncation in voxels: each ray is sampled along its band, and the band holds the blocks.
+const MAX_TRUNCATION_VOXELS: f32 = 64.0;
+/// Largest depth that can be asked for, metres: far beyond any depth camera, and block coordinates and
+/// weights stay far from the limits of their numbers.
+const MAX_DEPTH: f32 = 1000.0;
+/// Reference depths that leave weights far from underflow and overflow, metres.
+const REFERENCE_DEPTHS: std::ops::RangeInclusive<f32> = 1e-3..=1e3;
+/// Caps beyond this stop a running average in f32: steps of 1/cap round away (hard-cases D01, D05).
+const MAX_WEIGHT_CAP: f32 = 1e6;
 
 /// Settings of a [`super::Volume`].
 #[derive(Clone, Debug, PartialEq)]
@@ -15,15 +24,15 @@ pub struct VolumeConfig {
     /// Truncation distance in voxels, at least [`MIN_TRUNCATION_VOXELS`]. A thing thinner than twice the
     /// truncation is kept by the two-sided rule of the update (D07), not by distance.
     pub truncation_voxels: f32,
-    /// Largest weight of a voxel. Later frames keep a share of `1 / weight_cap`.
+    /// Largest weight of a voxel, at most 1e6. Later frames keep a share of `1 / weight_cap`.
     pub weight_cap: f32,
     /// Depth at which one observation weighs 1, metres; weight = (`reference_depth` / z)², because the
     /// depth step of a triangulating sensor grows with z², so its inverse variance falls with z⁴ and half
-    /// of that is spent on systematic errors that repeat from frame to frame.
+    /// of that is spent on systematic errors that repeat from frame to frame. 1 mm to 1 km.
     pub reference_depth: f32,
     /// Nearest depth that is used, metres.
     pub min_depth: f32,
-    /// Farthest depth that is used, metres.
+    /// Farthest depth that is used, metres, at most 1000.
     pub max_depth: f32,
     /// Largest number of 8³ blocks (4 KiB each); later requests are refused and counted (D17).
     pub block_limit: usize,
@@ -71,17 +80,17 @@ impl VolumeConfig {
         if !(2e-4..=1.0).contains(&voxel_size) {
             return Err(FusionError::VoxelSize { voxel_size });
         }
-        if !(MIN_TRUNCATION_VOXELS..=64.0).contains(&truncation_voxels) {
+        if !(MIN_TRUNCATION_VOXELS..=MAX_TRUNCATION_VOXELS).contains(&truncation_voxels) {
             return Err(FusionError::Truncation { truncation_voxels });
         }
-        let is_positive = |value: f32| value > 0.0 && value.is_finite();
-        if !(is_positive(weight_cap) && is_positive(reference_depth)) {
+        let cap_is_usable = weight_cap > 0.0 && weight_cap <= MAX_WEIGHT_CAP;
+        if !(cap_is_usable && REFERENCE_DEPTHS.contains(&reference_depth)) {
             return Err(FusionError::Weight {
                 weight_cap,
                 reference_depth,
             });
         }
-        if !(min_depth >= 0.0 && max_depth > min_depth && max_depth.is_finite()) {
+        if !(min_depth >= 0.0 && max_depth > min_depth && max_depth <= MAX_DEPTH) {
             return Err(FusionError::DepthGate {
                 min_depth,
                 max_depth,

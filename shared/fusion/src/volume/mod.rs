@@ -287,6 +287,7 @@ impl Projection {
                 .as_vec3()
                 .to_array()
         };
+        let half_samples = (2.0 * config.truncation_voxels / BLOCK_EDGE as f32).ceil() as usize;
         BlockRays {
             // A cast saturates: a camera beyond every block stays there and its requests are refused.
             anchor: anchor.to_array().map(|c| c as i32),
@@ -295,6 +296,8 @@ impl Projection {
             right: ray(1.0, 0.0, 0.0),
             down: ray(0.0, 1.0, 0.0),
             truncation: config.truncation(),
+            half_samples,
+            sample_step: config.truncation() / half_samples as f32,
         }
     }
 }

@@ -1,13 +1,27 @@
-//! The row update, 8 voxels at once.
+//! The row update, 8 voxels at once, in two passes over a block.
+//!
+//! The first pass only reads the image: it ends in 64 rows of observations, and none of its branches waits
+//! for a gather. The second reads and writes voxels, which the first has prefetched meanwhile. A lane
+//! without an observation carries weight 0 and passes through the average unchanged.
 #![expect(
     unsafe_code,
-    reason = "vector loads, stores and gathers through pointers"
+    reason = "vector loads, stores, prefetches and gathers through pointers"
 )]
 
 use std::arch::x86_64::*;
 
-use super::{Block, BlockView, Conflicts, DepthView, UpdateRule, Z_NEAR, row_start};
-use crate::volume::key::BLOCK_EDGE;
+use super::{Block, BlockView, Conflicts, DepthView, UpdateRule, Z_NEAR};
+use crate::volume::key::{BLOCK_EDGE, BLOCK_VOXELS};
+
+const ROWS: usize = BLOCK_EDGE * BLOCK_EDGE;
+
+/// What the image says about a block's voxels.
+struct Observations {
+    tsdf: [f32; BLOCK_VOXELS],
+    weight: [f32; BLOCK_VOXELS],
+    /// Bit r: row r holds an observation.
+    rows: u64,
+}
 
 /// As [`super::scalar::integrate_rows`], bit for bit.
 pub(super) fn integrate_rows(
@@ -21,22 +35,34 @@ pub(super) fn integrate_rows(
     if !std::is_x86_feature_detected!("avx2") {
         return super::scalar::integrate_rows(block, image, view, rule, conflicts);
     }
-    // SAFETY: AVX2 was detected on the line above.
-    unsafe { integrate_rows_avx2(block, image, view, rule, conflicts) }
+    // SAFETY: AVX2 was detected above.
+    unsafe {
+        let mut observations = Observations {
+            tsdf: [0.0; BLOCK_VOXELS],
+            weight: [0.0; BLOCK_VOXELS],
+            rows: 0,
+        };
+        observe(block, image, view, rule, &mut observations);
+        average_rows(block, &observations, rule, conflicts);
+    }
 }
 
+/// Reads the image for every row that can be in the band. `block` is only prefetched.
 #[target_feature(enable = "avx2")]
-fn integrate_rows_avx2(
-    block: &mut Block,
+fn observe(
+    block: &Block,
     image: DepthView<'_>,
     view: &BlockView,
     rule: &UpdateRule,
-    conflicts: &mut Conflicts,
+    out: &mut Observations,
 ) {
+    let mut start = [[0.0f32; ROWS]; 3];
+    let (active, free) = row_starts(view, &mut start);
+    prefetch(block, active);
+
     let zero = _mm256_setzero_ps();
     let one = _mm256_set1_ps(1.0);
     let half = _mm256_set1_ps(0.5);
-    let magnitude = _mm256_castsi256_ps(_mm256_set1_epi32(0x7fff_ffff));
     let z_near = _mm256_set1_ps(Z_NEAR);
     let width = _mm256_set1_ps(image.width as f32);
     let height = _mm256_set1_ps(image.height as f32);
@@ -44,116 +70,184 @@ fn integrate_rows_avx2(
     let behind = _mm256_set1_ps(-rule.truncation);
     let per_metre = _mm256_set1_ps(1.0 / rule.truncation);
     let weight_at_one_metre = _mm256_set1_ps(rule.weight_at_one_metre);
-    let cap = _mm256_set1_ps(rule.weight_cap);
-    let conflict = _mm256_set1_ps(rule.conflict);
-    let lanes = _mm256_setr_ps(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0);
-    let along_u = _mm256_mul_ps(lanes, _mm256_set1_ps(view.step[0][0]));
-    let along_v = _mm256_mul_ps(lanes, _mm256_set1_ps(view.step[0][1]));
-    let along_z = _mm256_mul_ps(lanes, _mm256_set1_ps(view.step[0][2]));
-    let row_z = 7.0 * view.step[0][2];
+    let lanes = lanes();
+    let [along_u, along_v, along_z] =
+        view.step[0].map(|step| _mm256_mul_ps(lanes, _mm256_set1_ps(step)));
 
-    for row in 0..BLOCK_EDGE * BLOCK_EDGE {
-        let start = row_start(view, row % BLOCK_EDGE, row / BLOCK_EDGE);
-        let end_z = start[2] + row_z;
-        if start[2].min(end_z) > view.farthest {
-            continue;
-        }
-        let z = _mm256_add_ps(_mm256_set1_ps(start[2]), along_z);
+    let mut left = active & free;
+    while left != 0 {
+        let row = left.trailing_zeros() as usize;
+        left &= left - 1;
+        let z = _mm256_add_ps(_mm256_set1_ps(start[2][row]), along_z);
         let inverse_z = _mm256_div_ps(one, z);
         let in_front = _mm256_cmp_ps::<_CMP_GE_OQ>(z, z_near);
-        let (tsdf, observed) = if start[2].max(end_z) < view.nearest {
-            (one, in_front)
-        } else {
-            let u = _mm256_add_ps(_mm256_set1_ps(start[0]), along_u);
-            let v = _mm256_add_ps(_mm256_set1_ps(start[1]), along_v);
-            let column = _mm256_add_ps(_mm256_mul_ps(u, inverse_z), half);
-            let line = _mm256_add_ps(_mm256_mul_ps(v, inverse_z), half);
-            let inside_columns = _mm256_and_ps(
-                _mm256_cmp_ps::<_CMP_GE_OQ>(column, zero),
-                _mm256_cmp_ps::<_CMP_LT_OQ>(column, width),
-            );
-            let inside_lines = _mm256_and_ps(
-                _mm256_cmp_ps::<_CMP_GE_OQ>(line, zero),
-                _mm256_cmp_ps::<_CMP_LT_OQ>(line, height),
-            );
-            let inside = _mm256_and_ps(in_front, _mm256_and_ps(inside_columns, inside_lines));
-            let pixel = _mm256_add_epi32(
-                _mm256_mullo_epi32(_mm256_cvttps_epi32(line), columns),
-                _mm256_cvttps_epi32(column),
-            );
-            // SAFETY: only lanes of `inside` are read; there 0 <= column < width and 0 <= line < height,
-            // so the index is below width * height = depth.len(), which the caller asserts and which
-            // fits i32 (16384² at most).
-            let depth =
-                unsafe { _mm256_mask_i32gather_ps::<4>(zero, image.depth.as_ptr(), pixel, inside) };
-            let distance = _mm256_sub_ps(depth, z);
-            let measured = _mm256_cmp_ps::<_CMP_GT_OQ>(depth, zero);
-            let reached = _mm256_cmp_ps::<_CMP_GE_OQ>(distance, behind);
-            let observed = _mm256_and_ps(inside, _mm256_and_ps(measured, reached));
-            if _mm256_movemask_ps(observed) == 0 {
-                continue;
-            }
-            (
-                _mm256_min_ps(_mm256_mul_ps(distance, per_metre), one),
-                observed,
-            )
-        };
         let weight = _mm256_mul_ps(_mm256_mul_ps(inverse_z, inverse_z), weight_at_one_metre);
+        store_row(&mut out.tsdf, row, _mm256_and_ps(one, in_front));
+        store_row(&mut out.weight, row, _mm256_and_ps(weight, in_front));
+        out.rows |= u64::from(_mm256_movemask_ps(in_front) != 0) << row;
+    }
 
-        let tsdf_row = &mut block.tsdf[row * BLOCK_EDGE..(row + 1) * BLOCK_EDGE];
-        let weight_row = &mut block.weight[row * BLOCK_EDGE..(row + 1) * BLOCK_EDGE];
-        // SAFETY: both rows are exactly 8 f32 long by the slicing above.
-        let (stored, stored_weight) = unsafe {
-            (
-                _mm256_loadu_ps(tsdf_row.as_ptr()),
-                _mm256_loadu_ps(weight_row.as_ptr()),
-            )
-        };
+    let mut left = active & !free;
+    while left != 0 {
+        let row = left.trailing_zeros() as usize;
+        left &= left - 1;
+        let u = _mm256_add_ps(_mm256_set1_ps(start[0][row]), along_u);
+        let v = _mm256_add_ps(_mm256_set1_ps(start[1][row]), along_v);
+        let z = _mm256_add_ps(_mm256_set1_ps(start[2][row]), along_z);
+        let inverse_z = _mm256_div_ps(one, z);
+        let column = _mm256_add_ps(_mm256_mul_ps(u, inverse_z), half);
+        let line = _mm256_add_ps(_mm256_mul_ps(v, inverse_z), half);
+        let inside_columns = _mm256_and_ps(
+            _mm256_cmp_ps::<_CMP_GE_OQ>(column, zero),
+            _mm256_cmp_ps::<_CMP_LT_OQ>(column, width),
+        );
+        let inside_lines = _mm256_and_ps(
+            _mm256_cmp_ps::<_CMP_GE_OQ>(line, zero),
+            _mm256_cmp_ps::<_CMP_LT_OQ>(line, height),
+        );
+        let in_front = _mm256_cmp_ps::<_CMP_GE_OQ>(z, z_near);
+        let inside = _mm256_and_ps(in_front, _mm256_and_ps(inside_columns, inside_lines));
+        let pixel = _mm256_add_epi32(
+            _mm256_mullo_epi32(_mm256_cvttps_epi32(line), columns),
+            _mm256_cvttps_epi32(column),
+        );
+        // SAFETY: only lanes of `inside` are read; there 0 <= column < width and 0 <= line < height in
+        // numbers that f32 holds exactly, so the index is below width * height = depth.len(), which fits
+        // i32. `super::integrate_block` asserts all three.
+        let depth =
+            unsafe { _mm256_mask_i32gather_ps::<4>(zero, image.depth.as_ptr(), pixel, inside) };
+        let distance = _mm256_sub_ps(depth, z);
+        // Lanes outside were filled with depth 0.
+        let measured = _mm256_cmp_ps::<_CMP_GT_OQ>(depth, zero);
+        let reached = _mm256_cmp_ps::<_CMP_GE_OQ>(distance, behind);
+        let observed = _mm256_and_ps(measured, reached);
+        let tsdf = _mm256_min_ps(_mm256_mul_ps(distance, per_metre), one);
+        let weight = _mm256_mul_ps(_mm256_mul_ps(inverse_z, inverse_z), weight_at_one_metre);
+        store_row(&mut out.tsdf, row, _mm256_and_ps(tsdf, observed));
+        store_row(&mut out.weight, row, _mm256_and_ps(weight, observed));
+        out.rows |= u64::from(_mm256_movemask_ps(observed) != 0) << row;
+    }
+}
+
+/// Fuses the observed rows into the block; sign conflicts are held back.
+#[target_feature(enable = "avx2")]
+fn average_rows(
+    block: &mut Block,
+    observations: &Observations,
+    rule: &UpdateRule,
+    conflicts: &mut Conflicts,
+) {
+    let zero = _mm256_setzero_ps();
+    let half = _mm256_set1_ps(0.5);
+    let magnitude = _mm256_castsi256_ps(_mm256_set1_epi32(0x7fff_ffff));
+    let cap = _mm256_set1_ps(rule.weight_cap);
+    let conflict = _mm256_set1_ps(rule.conflict);
+    let mut left = observations.rows;
+    while left != 0 {
+        let row = left.trailing_zeros() as usize;
+        left &= left - 1;
+        let tsdf = load_row(&observations.tsdf, row);
+        let mut weight = load_row(&observations.weight, row);
+        let stored = load_row(&block.tsdf, row);
+        let stored_weight = load_row(&block.weight, row);
         let change = _mm256_sub_ps(tsdf, stored);
         let disagrees = _mm256_and_ps(
             _mm256_cmp_ps::<_CMP_GT_OQ>(_mm256_and_ps(change, magnitude), conflict),
             _mm256_cmp_ps::<_CMP_GT_OQ>(stored_weight, _mm256_mul_ps(half, weight)),
         );
-        // The sign bits differ where the xor is negative; blendv reads only the sign bit.
+        let observed = _mm256_cmp_ps::<_CMP_GT_OQ>(weight, zero);
+        // The sign bits differ where the xor has its sign bit; movemask and blendv read only that.
         let opposed = _mm256_and_ps(
             _mm256_xor_ps(stored, tsdf),
             _mm256_and_ps(disagrees, observed),
         );
         let opposed_lanes = _mm256_movemask_ps(opposed);
-
-        let sum = _mm256_add_ps(stored_weight, weight);
-        let averaged = _mm256_add_ps(stored, _mm256_mul_ps(change, _mm256_div_ps(weight, sum)));
-        let mut written = observed;
         if opposed_lanes != 0 {
-            written = _mm256_blendv_ps(observed, zero, opposed);
-            hold_back(row, opposed_lanes, tsdf, weight, conflicts);
+            hold_back(row, opposed_lanes, observations, conflicts);
+            weight = _mm256_blendv_ps(weight, zero, opposed);
         }
-        let new_tsdf = _mm256_blendv_ps(stored, averaged, written);
-        let new_weight = _mm256_blendv_ps(stored_weight, _mm256_min_ps(sum, cap), written);
-        // SAFETY: both rows are exactly 8 f32 long by the slicing above.
-        unsafe {
-            _mm256_storeu_ps(tsdf_row.as_mut_ptr(), new_tsdf);
-            _mm256_storeu_ps(weight_row.as_mut_ptr(), new_weight);
+        let sum = _mm256_add_ps(stored_weight, weight);
+        // 0/0 in lanes that were never observed, which the blend leaves out.
+        let average = _mm256_add_ps(stored, _mm256_mul_ps(change, _mm256_div_ps(weight, sum)));
+        let fused = _mm256_cmp_ps::<_CMP_GT_OQ>(weight, zero);
+        store_row(
+            &mut block.tsdf,
+            row,
+            _mm256_blendv_ps(stored, average, fused),
+        );
+        store_row(
+            &mut block.weight,
+            row,
+            _mm256_blendv_ps(stored_weight, _mm256_min_ps(sum, cap), fused),
+        );
+    }
+}
+
+fn hold_back(row: usize, mut lanes: i32, observations: &Observations, conflicts: &mut Conflicts) {
+    while lanes != 0 {
+        let index = row * BLOCK_EDGE + lanes.trailing_zeros() as usize;
+        conflicts.push(index, observations.tsdf[index], observations.weight[index]);
+        lanes &= lanes - 1;
+    }
+}
+
+/// Homogeneous pixel of the first voxel of each row, as `super::row_start` computes it; with it the rows
+/// that reach the band, and those wholly in free space.
+#[target_feature(enable = "avx2")]
+fn row_starts(view: &BlockView, start: &mut [[f32; ROWS]; 3]) -> (u64, u64) {
+    let lanes = lanes();
+    let row_z = _mm256_set1_ps(7.0 * view.step[0][2]);
+    let (farthest, nearest) = (_mm256_set1_ps(view.farthest), _mm256_set1_ps(view.nearest));
+    let (mut active, mut free) = (0u64, 0u64);
+    for z in 0..BLOCK_EDGE {
+        for (c, starts) in start.iter_mut().enumerate() {
+            let along_y = _mm256_mul_ps(lanes, _mm256_set1_ps(view.step[1][c]));
+            let offset = _mm256_add_ps(along_y, _mm256_set1_ps(z as f32 * view.step[2][c]));
+            store_row(
+                starts,
+                z,
+                _mm256_add_ps(_mm256_set1_ps(view.start[c]), offset),
+            );
         }
+        let first = load_row(&start[2], z);
+        let last = _mm256_add_ps(first, row_z);
+        let is_active = _mm256_cmp_ps::<_CMP_NGT_UQ>(_mm256_min_ps(first, last), farthest);
+        let is_free = _mm256_cmp_ps::<_CMP_LT_OQ>(_mm256_max_ps(first, last), nearest);
+        active |= (_mm256_movemask_ps(is_active) as u64) << (8 * z);
+        free |= (_mm256_movemask_ps(is_free) as u64) << (8 * z);
+    }
+    (active, free)
+}
+
+#[target_feature(enable = "avx2")]
+fn prefetch(block: &Block, rows: u64) {
+    // A cache line holds two rows.
+    let mut lines = (rows | rows >> 1) & 0x5555_5555_5555_5555;
+    while lines != 0 {
+        let voxel = lines.trailing_zeros() as usize * BLOCK_EDGE;
+        lines &= lines - 1;
+        _mm_prefetch::<_MM_HINT_T0>((&raw const block.tsdf[voxel]).cast());
+        _mm_prefetch::<_MM_HINT_T0>((&raw const block.weight[voxel]).cast());
     }
 }
 
 #[target_feature(enable = "avx2")]
-fn hold_back(row: usize, mut lanes: i32, tsdf: __m256, weight: __m256, conflicts: &mut Conflicts) {
-    let mut tsdf_lanes = [0.0; BLOCK_EDGE];
-    let mut weight_lanes = [0.0; BLOCK_EDGE];
-    // SAFETY: both arrays are 8 f32 long.
-    unsafe {
-        _mm256_storeu_ps(tsdf_lanes.as_mut_ptr(), tsdf);
-        _mm256_storeu_ps(weight_lanes.as_mut_ptr(), weight);
-    }
-    while lanes != 0 {
-        let lane = lanes.trailing_zeros() as usize;
-        conflicts.push(
-            row * BLOCK_EDGE + lane,
-            tsdf_lanes[lane],
-            weight_lanes[lane],
-        );
-        lanes &= lanes - 1;
-    }
+fn lanes() -> __m256 {
+    _mm256_setr_ps(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn load_row<const N: usize>(values: &[f32; N], row: usize) -> __m256 {
+    let values = &values[row * BLOCK_EDGE..(row + 1) * BLOCK_EDGE];
+    // SAFETY: the slice is 8 f32 long.
+    unsafe { _mm256_loadu_ps(values.as_ptr()) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn store_row<const N: usize>(values: &mut [f32; N], row: usize, lanes: __m256) {
+    let values = &mut values[row * BLOCK_EDGE..(row + 1) * BLOCK_EDGE];
+    // SAFETY: the slice is 8 f32 long.
+    unsafe { _mm256_storeu_ps(values.as_mut_ptr(), lanes) }
 }

@@ -11,6 +11,8 @@
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 mod scalar;
+#[cfg(test)]
+mod tests;
 
 use super::Level;
 use crate::volume::key::{BLOCK_EDGE, BLOCK_VOXELS};
@@ -36,6 +38,12 @@ impl Block {
         weight: [0.0; BLOCK_VOXELS],
     };
 }
+
+/// Most columns, and rows, of a depth image: exact in f32, and an index fits i32 together with
+/// [`MOST_PIXELS`].
+pub const LARGEST_SIDE: usize = 1 << 24;
+/// Most pixels of a depth image, so that a gather's signed 32-bit index reaches all of them.
+pub const MOST_PIXELS: usize = i32::MAX as usize;
 
 /// A depth image without distortion; 0 = no measurement.
 #[derive(Clone, Copy)]
@@ -106,8 +114,11 @@ impl Conflicts {
 
 /// Fuses `image` into `block` as `view` and `rule` say; `conflicts` is scratch.
 ///
+/// The block must hold what earlier calls made of [`Block::EMPTY`]: finite values, weights from 0 to the cap.
+///
 /// # Panics
-/// When `image.depth` is not `width · height` long.
+/// When `image.depth` is not `width · height` long, or the image exceeds [`LARGEST_SIDE`] or
+/// [`MOST_PIXELS`].
 pub fn integrate_block(
     level: Level,
     block: &mut Block,
@@ -116,6 +127,9 @@ pub fn integrate_block(
     rule: &UpdateRule,
     conflicts: &mut Conflicts,
 ) {
+    // The vector kernel's reads rest on these three lines.
+    assert!(image.width.max(image.height) <= LARGEST_SIDE);
+    assert!(image.depth.len() <= MOST_PIXELS);
     assert_eq!(
         image.depth.len(),
         image.width * image.height,
@@ -164,14 +178,16 @@ fn resolve_conflicts(
     conflicts: &Conflicts,
 ) {
     let mut faces_away = [false; BLOCK_VOXELS];
-    for entry in 0..conflicts.count {
-        faces_away[entry] =
-            stored_surface_faces_away(block, conflicts.index[entry] as usize, view, rule);
+    for (is_away, &index) in faces_away
+        .iter_mut()
+        .zip(&conflicts.index[..conflicts.count])
+    {
+        *is_away = stored_surface_faces_away(block, usize::from(index), view, rule);
     }
-    for entry in 0..conflicts.count {
-        let index = conflicts.index[entry] as usize;
+    for (entry, &is_away) in faces_away.iter().enumerate().take(conflicts.count) {
+        let index = usize::from(conflicts.index[entry]);
         let (tsdf, weight) = (conflicts.tsdf[entry], conflicts.weight[entry]);
-        if !faces_away[entry] {
+        if !is_away {
             let averaged = average(
                 block.tsdf[index],
                 block.weight[index],

@@ -46,6 +46,10 @@ pub(super) fn integrate_rows(
                 (distance * per_metre).min(1.0)
             };
             let weight = inverse_z * inverse_z * rule.weight_at_one_metre;
+            // Underflows far away; a first average would be 0/0.
+            if weight <= 0.0 {
+                continue;
+            }
             let index = row * BLOCK_EDGE + x;
             let (stored, stored_weight) = (block.tsdf[index], block.weight[index]);
             let is_conflict = stored.is_sign_negative() != tsdf.is_sign_negative()

@@ -1,0 +1,169 @@
+//! Fuses a dump of depth frames on one thread and prints what it cost, as one line of JSON.
+//!
+//! `fuse_folder DUMP [--voxel-mm 5] [--truncation-voxels 8] [--min-weight 3] [--mesh OUT.ply]`
+//!
+//! DUMP, little-endian: u32 width, height, frame count; f64 fx, fy, cx, cy; per frame 16 f64 (4x4
+//! `world_from_camera`, row-major, metres) and width·height u16 (depth in millimetres; 0 and 65535 = none).
+//! `tests/peers/fusion_open3d.py` writes such a file.
+
+use std::io::{BufWriter, Read as _, Write as _};
+
+use fusion::{Mesh, MeshConfig, Volume, VolumeConfig, extract_mesh};
+use geometry::{DMat3, DVec3, Intrinsics, Pose};
+use rustix::time::{ClockId, clock_gettime};
+
+type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+struct Arguments {
+    dump: String,
+    voxel_mm: f32,
+    truncation_voxels: f32,
+    min_weight: f32,
+    mesh: Option<String>,
+}
+
+fn main() -> Result<(), Failure> {
+    let arguments = parse(std::env::args().skip(1))?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    pool.install(|| run(&arguments))
+}
+
+fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> {
+    let dump = words.next().ok_or("give the dump to fuse")?;
+    let mut arguments = Arguments {
+        dump,
+        voxel_mm: 5.0,
+        truncation_voxels: 8.0,
+        min_weight: 3.0,
+        mesh: None,
+    };
+    while let Some(flag) = words.next() {
+        let value = words
+            .next()
+            .ok_or_else(|| format!("{flag} needs a value"))?;
+        match flag.as_str() {
+            "--voxel-mm" => arguments.voxel_mm = value.parse()?,
+            "--truncation-voxels" => arguments.truncation_voxels = value.parse()?,
+            "--min-weight" => arguments.min_weight = value.parse()?,
+            "--mesh" => arguments.mesh = Some(value),
+            _ => return Err(format!("unknown flag {flag}").into()),
+        }
+    }
+    Ok(arguments)
+}
+
+fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let mut file = std::fs::File::open(&arguments.dump)?;
+    let [width, height, frame_count] = [
+        read_u32(&mut file)?,
+        read_u32(&mut file)?,
+        read_u32(&mut file)?,
+    ];
+    let [fx, fy, cx, cy] = read_f64s::<4>(&mut file)?;
+    let camera = Intrinsics::pinhole(width, height, fx, fy, cx, cy)?;
+    let mut volume = Volume::new(VolumeConfig {
+        voxel_size: arguments.voxel_mm / 1000.0,
+        truncation_voxels: arguments.truncation_voxels,
+        ..VolumeConfig::default()
+    })?;
+
+    let mut raw = vec![0u8; 2 * width as usize * height as usize];
+    let mut frame_ms = Vec::new();
+    for _ in 0..frame_count {
+        let m = read_f64s::<16>(&mut file)?;
+        let rotation =
+            DMat3::from_cols_array(&[m[0], m[4], m[8], m[1], m[5], m[9], m[2], m[6], m[10]]);
+        let world_from_camera = Pose::from_matrix(rotation, DVec3::new(m[3], m[7], m[11]))?;
+        file.read_exact(&mut raw)?;
+        let depth: Vec<f32> = raw
+            .chunks_exact(2)
+            .map(|b| metres(u16::from_le_bytes([b[0], b[1]])))
+            .collect();
+        let start = process_ms();
+        volume.integrate(&depth, &camera, &world_from_camera)?;
+        frame_ms.push(process_ms() - start);
+    }
+    let start = process_ms();
+    let mesh = extract_mesh(
+        &volume,
+        &MeshConfig {
+            min_weight: arguments.min_weight,
+        },
+    );
+    let mesh_ms = process_ms() - start;
+    if let Some(path) = &arguments.mesh {
+        write_ply(&mesh, path)?;
+    }
+    frame_ms.sort_by(f64::total_cmp);
+    let total: f64 = frame_ms.iter().sum();
+    println!(
+        "{{\"frames\": {}, \"core_ms_total\": {total:.1}, \"core_ms_median\": {:.2}, \"blocks\": {}, \
+         \"refused\": {}, \"mesh_core_ms\": {mesh_ms:.1}, \"vertices\": {}, \"triangles\": {}}}",
+        frame_ms.len(),
+        frame_ms.get(frame_ms.len() / 2).copied().unwrap_or(0.0),
+        volume.block_count(),
+        volume.refused_count(),
+        mesh.positions.len(),
+        mesh.triangles.len()
+    );
+    Ok(())
+}
+
+fn metres(millimetres: u16) -> f32 {
+    if millimetres == u16::MAX {
+        0.0
+    } else {
+        f32::from(millimetres) * 1e-3
+    }
+}
+
+/// CPU time of this process, milliseconds.
+fn process_ms() -> f64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6
+}
+
+fn read_u32(file: &mut std::fs::File) -> std::io::Result<u32> {
+    let mut bytes = [0; 4];
+    file.read_exact(&mut bytes)?;
+    Ok(u32::from_le_bytes(bytes))
+}
+
+fn read_f64s<const N: usize>(file: &mut std::fs::File) -> std::io::Result<[f64; N]> {
+    let mut values = [0.0; N];
+    for value in &mut values {
+        let mut bytes = [0; 8];
+        file.read_exact(&mut bytes)?;
+        *value = f64::from_le_bytes(bytes);
+    }
+    Ok(values)
+}
+
+fn write_ply(mesh: &Mesh, path: &str) -> std::io::Result<()> {
+    let mut out = BufWriter::new(std::fs::File::create(path)?);
+    writeln!(
+        out,
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}",
+        mesh.positions.len()
+    )?;
+    for name in ["x", "y", "z", "nx", "ny", "nz"] {
+        writeln!(out, "property float {name}")?;
+    }
+    writeln!(
+        out,
+        "element face {}\nproperty list uchar int vertex_indices\nend_header",
+        mesh.triangles.len()
+    )?;
+    for (position, normal) in mesh.positions.iter().zip(&mesh.normals) {
+        for value in position.to_array().into_iter().chain(normal.to_array()) {
+            out.write_all(&value.to_le_bytes())?;
+        }
+    }
+    for triangle in &mesh.triangles {
+        out.write_all(&[3])?;
+        for vertex in triangle {
+            out.write_all(&vertex.to_le_bytes())?;
+        }
+    }
+    out.flush()
+}
