@@ -1,0 +1,64 @@
+# glint: two commands for a newcomer, `make demo` and `make test`. Both do their own set-up.
+#
+#   make demo    build, train the bundled recording, evaluate, write demo/report.html
+#   make test    the whole test suite (what CI runs)
+#   make lint    formatting and clippy, warnings are errors
+#   make peers   comparisons with Open3D and Embree (installs them in .venv; needs ../shared/data)
+#   make clean   remove what the commands made
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+
+CARGO ?= cargo
+DEMO := demo
+RECORDING := recordings/two-cans.glint
+TRUTH := recordings/two-cans/truth
+# Lobe width of the shinier half of the objects (recordings/README.md).
+TRUTH_ALPHA := 0.02
+
+TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
+GLINT := $(TARGET_DIR)/release/glint
+
+.PHONY: help setup build demo test lint peers clean
+
+help:
+	@sed -n 's/^#   make/make/p' $(firstword $(MAKEFILE_LIST))
+
+# A Rust toolchain and a C compiler; the latter is installed where we may, else the one command is printed.
+setup:
+	@command -v $(CARGO) >/dev/null || { echo "no cargo: install a Rust toolchain of 1.95 or newer"; exit 2; }
+	@command -v cc >/dev/null || { \
+	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	    apt-get update -qq && apt-get install -y -qq build-essential; \
+	  else echo "no C compiler: run  sudo apt-get install build-essential"; exit 2; fi; }
+
+build: setup
+	$(CARGO) build --locked --release -p glint
+
+demo: build
+	$(GLINT) train $(RECORDING) -o $(DEMO)/run --profile draft --overwrite
+	$(GLINT) eval $(DEMO)/run --truth $(TRUTH) --truth-alpha $(TRUTH_ALPHA)
+	$(GLINT) report $(DEMO)/run -o $(DEMO)/report.html
+	@echo "open $(DEMO)/report.html"
+
+# The hard cases run a second time with release arithmetic and overflow checks: fma, inlining and overflow
+# differ. The trainer is tested in that profile alone: a training run without optimisation takes minutes.
+test: setup
+	$(CARGO) test --locked --workspace --exclude glint
+	$(CARGO) test --locked --workspace --exclude glint --profile release-checked --tests -- hc_
+	$(CARGO) test --locked --profile release-checked -p glint
+
+lint: setup
+	$(CARGO) fmt --all --check
+	$(CARGO) clippy --locked --workspace --all-targets -- -D warnings
+
+peers: setup
+	python3 -m venv .venv
+	.venv/bin/pip install --quiet open3d embreex numpy
+	.venv/bin/python tests/peers/fusion_open3d.py ../shared/data/redkitchen
+	.venv/bin/python tests/peers/raycast_embree.py
+
+clean:
+	rm -rf $(DEMO) .venv
+	$(CARGO) clean
