@@ -1,0 +1,219 @@
+//! The two streams of a recording: cameras, calibration, extrinsic.
+
+use std::ops::RangeInclusive;
+
+use geometry::{DVec2, Intrinsics, Pose};
+use imaging::{ImagingError, Response, Vignetting};
+use serde::{Deserialize, Serialize};
+
+use crate::error::SequenceError;
+
+/// What is known of the streams before the first frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Streams {
+    /// The depth stream.
+    pub depth: DepthCamera,
+    /// The colour stream.
+    pub color: ColorCamera,
+    /// The colour camera seen from the depth camera: metres, rigid.
+    pub color_from_depth: Pose,
+}
+
+/// The depth camera: 16-bit codes proportional to z along the optical axis; 0 and 65535 are no measurement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthCamera {
+    /// Size, focal length, centre, distortion.
+    pub intrinsics: Intrinsics,
+    /// Metres a code unit.
+    pub depth_scale: f64,
+    /// Depths that the sensor can measure, metres; others are no measurement.
+    pub depth_range: RangeInclusive<f32>,
+}
+
+impl DepthCamera {
+    /// Refuses a scale outside (0, 1] m and a range that is empty or not within [0, 1000] m.
+    pub fn new(
+        intrinsics: Intrinsics,
+        depth_scale: f64,
+        depth_range: RangeInclusive<f32>,
+    ) -> Result<Self, SequenceError> {
+        if !(depth_scale > 0.0 && depth_scale <= 1.0) {
+            return Err(SequenceError::Value {
+                name: "the depth scale",
+                value: depth_scale,
+                expected: "above 0 and at most 1 metre a unit",
+            });
+        }
+        let (near, far) = (*depth_range.start(), *depth_range.end());
+        if !(near >= 0.0 && near < far && far <= 1000.0) {
+            return Err(SequenceError::Value {
+                name: "the nearest depth",
+                value: f64::from(near),
+                expected: "at least 0 and below the farthest depth, which is at most 1000 metres",
+            });
+        }
+        Ok(Self {
+            intrinsics,
+            depth_scale,
+            depth_range,
+        })
+    }
+}
+
+/// How a colour payload is encoded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ColorCodec {
+    /// JPEG; its bytes are the source's.
+    Jpeg,
+    /// PNG of 8 bits a channel; its bytes are the source's.
+    Png,
+}
+
+/// From codes to linear radiance, as it is written in rig files and recordings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum ResponseCurve {
+    /// linear = code / 255.
+    Identity,
+    /// linear = (code / 255)^gamma, the same for all channels.
+    Gamma {
+        /// The exponent.
+        gamma: f64,
+    },
+    /// The radiance of each of the 256 codes.
+    Table {
+        /// Red.
+        red: Vec<f32>,
+        /// Green.
+        green: Vec<f32>,
+        /// Blue.
+        blue: Vec<f32>,
+    },
+}
+
+impl ResponseCurve {
+    /// The curve, ready to use. A table must rise strictly.
+    pub fn build(&self) -> Result<Response, SequenceError> {
+        let (red, green, blue) = match self {
+            Self::Identity => return Ok(Response::identity()),
+            Self::Gamma { gamma } => {
+                return Response::gamma(*gamma).map_err(SequenceError::Calibration);
+            }
+            Self::Table { red, green, blue } => (red, green, blue),
+        };
+        let channel = |values: &Vec<f32>| {
+            <[f32; 256]>::try_from(values.as_slice()).map_err(|_| SequenceError::Count {
+                what: "values in a channel of the response table",
+                count: values.len() as u64,
+                expected: 256,
+                of: "codes",
+            })
+        };
+        let table = [channel(red)?, channel(green)?, channel(blue)?];
+        let (response, repair) = Response::from_table(table).map_err(SequenceError::Calibration)?;
+        if repair.is_none() {
+            Ok(response)
+        } else {
+            Err(SequenceError::ResponseNotRising {
+                changed_count: repair.changed_count.iter().sum(),
+            })
+        }
+    }
+}
+
+/// Fall-off of the lens, as it is written in rig files and recordings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum VignettingCurve {
+    /// No fall-off, or none that is known.
+    None,
+    /// factor = 1 + a₁r² + a₂r⁴ + a₃r⁶ with r = distance from the centre in pixels / radius.
+    EvenPolynomial {
+        /// Centre (u, v), pixels.
+        center: [f64; 2],
+        /// Unit of r, pixels.
+        radius: f64,
+        /// a₁, a₂, a₃.
+        a: [f64; 3],
+    },
+}
+
+impl VignettingCurve {
+    /// The fall-off, ready to use.
+    pub fn build(&self) -> Result<Vignetting, ImagingError> {
+        match *self {
+            Self::None => Ok(Vignetting::none()),
+            Self::EvenPolynomial { center, radius, a } => {
+                Vignetting::even_polynomial(DVec2::from_array(center), radius, a)
+            }
+        }
+    }
+}
+
+/// The colour camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColorCamera {
+    /// Size, focal length, centre, distortion.
+    pub intrinsics: Intrinsics,
+    /// Encoding of the payloads.
+    pub codec: ColorCodec,
+    /// Exposure of the frames over the exposure at which radiance 1.0 is the white level.
+    pub relative_exposure: f32,
+    response_curve: ResponseCurve,
+    vignetting_curve: VignettingCurve,
+    response: Response,
+    vignetting: Vignetting,
+}
+
+impl ColorCamera {
+    /// Refuses curves that cannot be used and an exposure that is not a positive number.
+    pub fn new(
+        intrinsics: Intrinsics,
+        codec: ColorCodec,
+        relative_exposure: f32,
+        response_curve: ResponseCurve,
+        vignetting_curve: VignettingCurve,
+    ) -> Result<Self, SequenceError> {
+        if !(relative_exposure.is_normal() && relative_exposure > 0.0) {
+            return Err(SequenceError::Value {
+                name: "the relative exposure",
+                value: f64::from(relative_exposure),
+                expected: "a positive number",
+            });
+        }
+        let response = response_curve.build()?;
+        let vignetting = vignetting_curve
+            .build()
+            .map_err(SequenceError::Calibration)?;
+        Ok(Self {
+            intrinsics,
+            codec,
+            relative_exposure,
+            response_curve,
+            vignetting_curve,
+            response,
+            vignetting,
+        })
+    }
+
+    /// Code to linear radiance.
+    pub fn response(&self) -> Response {
+        self.response.clone()
+    }
+
+    /// The fall-off of the lens.
+    pub fn vignetting(&self) -> Vignetting {
+        self.vignetting
+    }
+
+    /// The response as it is written.
+    pub fn response_curve(&self) -> &ResponseCurve {
+        &self.response_curve
+    }
+
+    /// The fall-off as it is written.
+    pub fn vignetting_curve(&self) -> &VignettingCurve {
+        &self.vignetting_curve
+    }
+}

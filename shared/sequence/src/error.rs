@@ -1,0 +1,206 @@
+//! What can go wrong with a recording.
+
+use std::path::PathBuf;
+
+use geometry::{CameraError, PoseError};
+use imaging::ImagingError;
+
+/// Why a recording cannot be read or written. Every sentence says what, where and how to mend it.
+#[derive(Debug, thiserror::Error)]
+pub enum SequenceError {
+    /// Another error, of a named file.
+    #[error("{}: {source}", path.display())]
+    InFile {
+        /// The recording.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: Box<SequenceError>,
+    },
+    /// The operating system refuses.
+    #[error("{0}")]
+    Io(#[from] std::io::Error),
+    /// Something that is not an ordinary file.
+    #[error("this is no file; give a recording (`glint import` makes one)")]
+    NotAFile,
+    /// The first bytes are not those of a recording.
+    #[error("this is no glint recording; make one with `glint import`")]
+    NotARecording,
+    /// A recording of another version, or of this one with a damaged beginning.
+    #[error(
+        "this recording is not of version 0, the one that this glint reads; use the glint that wrote it, or import it anew"
+    )]
+    OtherVersion,
+    /// Another process holds the lock of a writer.
+    #[error("another program is writing this file; wait until it is done")]
+    Busy,
+    /// The file is not as long as it says.
+    #[error(
+        "the file has {got} bytes and says it has {expected}: it was cut or appended to; copy it again from its source"
+    )]
+    Length {
+        /// Bytes that the header states.
+        expected: u64,
+        /// Bytes that the file has.
+        got: u64,
+    },
+    /// A checksum does not match.
+    #[error(
+        "{part} at byte {offset} is damaged (CRC-32C {got:08x}, stored {expected:08x}); copy the file again or import it anew"
+    )]
+    Checksum {
+        /// Which part.
+        part: &'static str,
+        /// Where it begins.
+        offset: u64,
+        /// The stored checksum.
+        expected: u32,
+        /// The checksum of the bytes that are there.
+        got: u32,
+    },
+    /// A part that reaches beyond the file or has an impossible length.
+    #[error(
+        "{part} claims {bytes} bytes at byte {offset}, which cannot be; the program that wrote it is at fault"
+    )]
+    Section {
+        /// Which part.
+        part: &'static str,
+        /// Where it claims to begin.
+        offset: u64,
+        /// The length it claims.
+        bytes: u64,
+    },
+    /// The description is not what version 0 holds.
+    #[error("the description of the streams is unusable: {0}; import the recording anew")]
+    Description(#[from] serde_json::Error),
+    /// A number outside its range.
+    #[error("{name} is {value}, it must be {expected}")]
+    Value {
+        /// Name of the number.
+        name: &'static str,
+        /// The value given.
+        value: f64,
+        /// The range in words.
+        expected: &'static str,
+    },
+    /// Two numbers that belong together differ.
+    #[error("{count} {what} for {expected} {of}: there must be as many")]
+    Count {
+        /// What was counted.
+        what: &'static str,
+        /// How many there are.
+        count: u64,
+        /// How many there must be.
+        expected: u64,
+        /// What they belong to.
+        of: &'static str,
+    },
+    /// Intrinsics that no camera has.
+    #[error("{stream} camera: {source}")]
+    Camera {
+        /// "depth" or "color".
+        stream: &'static str,
+        /// What is wrong.
+        source: CameraError,
+    },
+    /// A pose that is no rigid transform.
+    #[error("pose {index} of set `{set}`: {source}")]
+    Pose {
+        /// Name of the set.
+        set: String,
+        /// Frame.
+        index: usize,
+        /// What is wrong.
+        source: PoseError,
+    },
+    /// Response or vignetting that cannot be used.
+    #[error("calibration of the colour camera: {0}")]
+    Calibration(#[source] ImagingError),
+    /// A measured response that does not rise strictly everywhere.
+    #[error(
+        "the response table falls or stands still at {changed_count} codes; repair it with imaging::Response::from_table first"
+    )]
+    ResponseNotRising {
+        /// Entries that would have to change, all channels.
+        changed_count: u32,
+    },
+    /// A time that is not after the one before.
+    #[error("frame {index} is at {nanos} ns, not after the frame before it at {previous_nanos} ns")]
+    TimeOrder {
+        /// Frame.
+        index: usize,
+        /// Its time.
+        nanos: i64,
+        /// The time before.
+        previous_nanos: i64,
+    },
+    /// A split that names a frame twice, or one that does not exist, or not all.
+    #[error(
+        "the split names frame {frame} {times} times; every frame of 0..{frame_count} must be in exactly one list"
+    )]
+    Split {
+        /// The frame.
+        frame: u32,
+        /// How often it is named.
+        times: u32,
+        /// Frames of the recording.
+        frame_count: u32,
+    },
+    /// A pose set's name that is empty, too long or taken.
+    #[error(
+        "`{0}` cannot name a pose set: use 1 to 64 letters, digits, - or _, each name once, 256 sets at most"
+    )]
+    PoseSetName(String),
+    /// A frame beyond the end.
+    #[error("frame {index} does not exist, the recording has {frame_count}")]
+    NoSuchFrame {
+        /// The frame asked for.
+        index: usize,
+        /// Frames of the recording.
+        frame_count: usize,
+    },
+    /// A frame that is damaged or does not fit its stream.
+    #[error("{stream} of frame {index}: {source}")]
+    Frame {
+        /// "depth" or "color".
+        stream: &'static str,
+        /// The frame.
+        index: usize,
+        /// What is wrong.
+        source: Box<SequenceError>,
+    },
+    /// An image that cannot be decoded.
+    #[error("{0}")]
+    Image(#[from] ImagingError),
+    /// An image of another size than its camera's.
+    #[error("the image has {width}x{height} pixels, the camera {camera_width}x{camera_height}")]
+    ImageSize {
+        /// Columns of the image.
+        width: u32,
+        /// Rows of the image.
+        height: u32,
+        /// Columns of the camera.
+        camera_width: u32,
+        /// Rows of the camera.
+        camera_height: u32,
+    },
+}
+
+impl SequenceError {
+    /// This error with the file it happened in.
+    #[must_use]
+    pub fn in_file(self, path: &std::path::Path) -> Self {
+        Self::InFile {
+            path: path.to_path_buf(),
+            source: Box::new(self),
+        }
+    }
+
+    /// This error with the frame it happened in.
+    pub(crate) fn in_frame(self, stream: &'static str, index: usize) -> Self {
+        Self::Frame {
+            stream,
+            index,
+            source: Box::new(self),
+        }
+    }
+}
