@@ -152,7 +152,7 @@ impl Scene {
 
 /// Area in square metres, from f64 differences.
 fn area(vertices: [Vec3; 3]) -> f64 {
-    let [a, b, c] = vertices.map(|p| p.as_dvec3());
+    let [a, b, c] = vertices.map(Vec3::as_dvec3);
     0.5 * (b - a).cross(c - a).length()
 }
 

@@ -7,7 +7,7 @@ pub(crate) mod traverse;
 pub enum Level {
     /// Plain Rust: the specification.
     Scalar,
-    /// AVX2 on x86-64.
+    /// AVX2 on x86-64, with the bit-counting instructions that come with it.
     Avx2,
 }
 
@@ -15,9 +15,19 @@ impl Level {
     /// The fastest level of this machine.
     pub fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
-        if std::is_x86_feature_detected!("avx2") {
+        if has_avx2() {
             return Self::Avx2;
         }
         Self::Scalar
     }
+}
+
+/// AVX2 with bit counting, which every such processor has; counting bits without it costs a tenth of the speed.
+#[cfg(target_arch = "x86_64")]
+fn has_avx2() -> bool {
+    std::is_x86_feature_detected!("avx2")
+        && std::is_x86_feature_detected!("bmi1")
+        && std::is_x86_feature_detected!("bmi2")
+        && std::is_x86_feature_detected!("lzcnt")
+        && std::is_x86_feature_detected!("popcnt")
 }

@@ -53,25 +53,74 @@ fn parameters() -> BvhBuildParams {
 }
 
 /// The tree of obvhs; node 0 is the root. `triangles` must not be empty.
+///
+/// obvhs sorts by centroids and takes quadratic time where many are equal (hard-cases E08): triangles with one
+/// centroid go in as one box, below which they are halved.
 pub(super) fn build(triangles: &[Triangle]) -> Vec<BinaryNode> {
-    let boxes: Vec<PaddedBox> = triangles
+    let order = by_centroid(triangles);
+    let groups: Vec<&[(Centroid, u32)]> = order.chunk_by(|a, b| a.0 == b.0).collect();
+    let boxes: Vec<PaddedBox> = groups
         .iter()
-        .map(|triangle| {
-            let (least, greatest) = padded_box(triangle);
+        .map(|group| {
+            let bounds = group
+                .iter()
+                .map(|&(_, position)| padded_box(&triangles[position as usize]));
+            let (least, greatest) = bounds.reduce(union).expect("no chunk is empty");
             PaddedBox(Aabb::new(Vec3A::from(least), Vec3A::from(greatest)))
         })
         .collect();
     let bvh = build_bvh2(&boxes, parameters(), &mut Duration::default());
-    let nodes = bvh.nodes.iter().map(|node| BinaryNode {
-        least: Vec3::from(node.aabb().min),
-        greatest: Vec3::from(node.aabb().max),
-        kind: if node.is_leaf() {
-            Kind::Triangle(bvh.primitive_indices[node.first_index as usize])
-        } else {
-            Kind::Inner(node.first_index, node.first_index + 1)
-        },
-    });
-    nodes.collect()
+    let mut nodes: Vec<BinaryNode> = bvh
+        .nodes
+        .iter()
+        .map(|node| BinaryNode {
+            least: Vec3::from(node.aabb().min),
+            greatest: Vec3::from(node.aabb().max),
+            kind: if node.is_leaf() {
+                Kind::Triangle(bvh.primitive_indices[node.first_index as usize])
+            } else {
+                Kind::Inner(node.first_index, node.first_index + 1)
+            },
+        })
+        .collect();
+    for index in 0..nodes.len() {
+        let Kind::Triangle(group) = nodes[index].kind else {
+            continue;
+        };
+        nodes[index].kind = match groups[group as usize] {
+            [(_, position)] => Kind::Triangle(*position),
+            group => {
+                let positions: Vec<u32> = group.iter().map(|&(_, position)| position).collect();
+                let top = halve_range(&positions, triangles, &mut nodes);
+                nodes[top as usize].kind
+            }
+        };
+    }
+    nodes
+}
+
+/// Bits of a box's centre.
+type Centroid = [u32; 3];
+
+/// Positions of triangles, sorted by centroid and then position.
+fn by_centroid(triangles: &[Triangle]) -> Vec<(Centroid, u32)> {
+    let mut order: Vec<(Centroid, u32)> = triangles
+        .iter()
+        .enumerate()
+        .map(|(position, triangle)| {
+            let (least, greatest) = padded_box(triangle);
+            (
+                ((least + greatest) * 0.5).to_array().map(f32::to_bits),
+                position as u32,
+            )
+        })
+        .collect();
+    order.sort_unstable();
+    order
+}
+
+fn union(a: (Vec3, Vec3), b: (Vec3, Vec3)) -> (Vec3, Vec3) {
+    (a.0.min(b.0), a.1.max(b.1))
 }
 
 /// A balanced tree over the triangles in the order in which `built` visits them.

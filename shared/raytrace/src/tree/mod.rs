@@ -71,8 +71,10 @@ impl Tree {
         if depth <= DEPTH_LIMIT {
             return tree;
         }
-        // Pathological input (hard-cases E08): halving an order bounds the depth by its logarithm.
-        collapse::collapse(&binary::halve(&built, triangles), triangles).0
+        // Pathological input (hard-cases E08): halving an order bounds the depth by its logarithm, 31 at most.
+        let (tree, depth) = collapse::collapse(&binary::halve(&built, triangles), triangles);
+        assert!(depth <= DEPTH_LIMIT, "a halved tree is at most 32 deep");
+        tree
     }
 }
 

@@ -32,9 +32,9 @@ fn indices_below(tree: &Tree, node: u32, seen: &mut Vec<u32>) {
         for slot in (0..LANES).filter(|&slot| leaf.triangle[slot] != u32::MAX) {
             seen.push(leaf.triangle[slot]);
             for vertex in leaf.vertex {
-                for axis in 0..3 {
-                    assert!(node.planes[2 * axis][lane] < vertex[axis][slot]);
-                    assert!(node.planes[2 * axis + 1][lane] > vertex[axis][slot]);
+                for (axis, coordinates) in vertex.iter().enumerate() {
+                    assert!(node.planes[2 * axis][lane] < coordinates[slot]);
+                    assert!(node.planes[2 * axis + 1][lane] > coordinates[slot]);
                 }
             }
         }
@@ -77,5 +77,38 @@ fn children_are_ordered_along_the_direction() {
             .map(|lane| sign * node.planes[if octant == 0 { 0 } else { 1 }][lane])
             .collect();
         assert!(met.is_sorted_by(|a, b| a >= b), "farthest first: {met:?}");
+    }
+}
+
+#[test]
+fn a_chain_of_ever_larger_triangles_is_walked_to_its_end() {
+    use crate::kernels::Level;
+    use crate::kernels::traverse::{Wanted, trace};
+    use crate::ray::{Hit, Ray};
+
+    // Each holds all before it in its box: the worst case for depth.
+    let triangles: Vec<Triangle> = (0..400_u32)
+        .map(|index| {
+            let size = 1e-4 * 1.07_f32.powi(index.cast_signed());
+            let vertices = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| axis * size);
+            Triangle { vertices, index }
+        })
+        .collect();
+    let tree = Tree::new(&triangles);
+    let mut seen = Vec::new();
+    indices_below(&tree, 0, &mut seen);
+    assert_eq!(seen.len(), 400);
+    for level in [Level::Scalar, Level::detect()] {
+        for triangle in &triangles {
+            let aim = triangle.vertices[0] * (1.0 / 3.0)
+                + (triangle.vertices[1] + triangle.vertices[2]) / 3.0;
+            let rays = [Ray {
+                least: 0.98,
+                ..Ray::new(Vec3::ZERO, aim)
+            }];
+            let mut hits = [Hit::MISS];
+            trace(level, &tree, Wanted::Closest, &rays, &mut hits);
+            assert_eq!(hits[0].triangle, triangle.index);
+        }
     }
 }

@@ -91,25 +91,4 @@ pub(super) fn cover(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_square_of_two_triangles_covers_each_centre_once() {
-        let corner = |x: i64, y: i64| [x * UNITS, y * UNITS];
-        let mut count = [0; 64];
-        for triangle in [
-            [corner(1, 1), corner(5, 1), corner(5, 5)],
-            [corner(1, 1), corner(5, 5), corner(1, 5)],
-        ] {
-            cover(triangle, 0..8, 0..8, |x, y| {
-                count[(y * 8 + x) as usize] += 1
-            });
-        }
-        for (index, &count) in count.iter().enumerate() {
-            let (x, y) = (index % 8, index / 8);
-            let inside = (1..5).contains(&x) && (1..5).contains(&y);
-            assert_eq!(count, i32::from(inside), "pixel ({x}, {y})");
-        }
-    }
-}
+mod tests;

@@ -3,9 +3,21 @@
 //! Both levels do the same IEEE operations in the same order without fused multiply-add, so they agree bit for
 //! bit: hits, distances and barycentrics. Fusing would also cost watertightness: two triangles must find
 //! exactly opposite values for a shared edge.
+//!
+//! Bound: on the 300 000 triangles of `tests/peers/raycast_embree.py` a primary ray visits 11.4 nodes and 2.1
+//! leaves, a mirrored one 14.4 and 2.6, any hit 5.4 and 1.4 (primary), 7.1 and 1.8 (mirrored). A node is 256 bytes
+//! and 19 vector operations, about 10 cycles of two ports; a leaf 320 bytes and 60 operations, about 30. That is
+//! 180 cycles a primary ray; 200 ns were measured (4.9 million rays a second, one core of an EPYC 7003, shared
+//! with other work), 3 to 4 times the bound. The rest is, by sampling the program counter (that machine had no
+//! hardware counters), waiting: a node is known only when its parent is tested, and the branch on how many
+//! children were entered is a guess. Walking two rays in turns, preparing 16 at a time and leaving out that
+//! branch were tried and are not quicker. The tree of that mesh is 22 MB, which mirrored rays, less coherent,
+//! should feel in the caches. AVX2 is 5 to 6 times as fast as the scalar level.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(test)]
+mod hard;
 mod scalar;
 #[cfg(test)]
 mod tests;
@@ -100,39 +112,30 @@ fn prepare(ray: &Ray, extent: f32) -> Option<PreparedRay> {
     }
     let margin = BOX_MARGIN * (reach + extent);
     let floor = LEAST_COMPONENT_SHARE * largest;
-    let mut prepared = PreparedRay {
-        near_origin: [0.0; 3],
-        far_origin: [0.0; 3],
-        inverse: [0.0; 3],
-        near_row: [0; 3],
-        order_shift: 0,
-        axes: [(z_axis + 1) % 3, (z_axis + 2) % 3, z_axis],
-        origin: [0.0; 3],
-        shear: [0.0; 3],
+    let is_backwards = direction.map(|d| d.to_bits() >> 31);
+    let outwards = direction.map(|d| margin.copysign(d));
+    let axes = OTHER_AXES[z_axis];
+    let inverse_z = 1.0 / direction[z_axis];
+    Some(PreparedRay {
+        near_origin: std::array::from_fn(|axis| origin[axis] + outwards[axis]),
+        far_origin: std::array::from_fn(|axis| origin[axis] - outwards[axis]),
+        inverse: direction.map(|d| (1.0 / d.abs().max(floor)).copysign(d)),
+        near_row: std::array::from_fn(|axis| 2 * axis + is_backwards[axis] as usize),
+        order_shift: 3 * (is_backwards[0] | is_backwards[1] << 1 | is_backwards[2] << 2),
+        axes,
+        origin: axes.map(|axis| origin[axis]),
+        shear: [
+            direction[axes[0]] * inverse_z,
+            direction[axes[1]] * inverse_z,
+            inverse_z,
+        ],
         least: ray.least,
         greatest: ray.greatest,
-    };
-    for axis in 0..3 {
-        let component = direction[axis];
-        let is_backwards = component.is_sign_negative();
-        let inverse = 1.0 / component.abs().max(floor);
-        prepared.inverse[axis] = if is_backwards { -inverse } else { inverse };
-        let outwards = if is_backwards { -margin } else { margin };
-        prepared.near_origin[axis] = origin[axis] + outwards;
-        prepared.far_origin[axis] = origin[axis] - outwards;
-        prepared.near_row[axis] = 2 * axis + usize::from(is_backwards);
-        prepared.order_shift += 3 * (u32::from(is_backwards) << axis);
-    }
-    let [x, y, z] = prepared.axes;
-    prepared.origin = [origin[x], origin[y], origin[z]];
-    let inverse_z = 1.0 / direction[z];
-    prepared.shear = [
-        direction[x] * inverse_z,
-        direction[y] * inverse_z,
-        inverse_z,
-    ];
-    Some(prepared)
+    })
 }
+
+/// The other two axes of each, then the axis itself.
+const OTHER_AXES: [[usize; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
 
 /// A triangle relative to the ray's origin, sheared so that the ray runs along z: (x, y, z) of each vertex.
 type Sheared = [[f32; 3]; 3];

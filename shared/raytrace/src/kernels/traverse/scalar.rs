@@ -29,8 +29,12 @@ fn walk(tree: &Tree, wanted: Wanted, ray: &PreparedRay) -> Hit {
         if reference & LEAF_BIT == 0 {
             let node = &tree.nodes[reference as usize];
             let entries = enter(node, ray, best.t);
-            for order in node.order {
-                let lane = (order >> ray.order_shift & 7) as usize;
+            for (position, order) in node.order.iter().enumerate() {
+                // Which hit comes first does not matter to Wanted::Any, and sorting takes time.
+                let lane = match wanted {
+                    Wanted::Closest => (order >> ray.order_shift & 7) as usize,
+                    Wanted::Any => position,
+                };
                 if let Some(entry) = entries[lane] {
                     stack[height] = (node.child[lane], entry);
                     height += 1;
@@ -66,27 +70,32 @@ fn enter(node: &Node, ray: &PreparedRay, greatest: f32) -> [Option<f32>; LANES] 
 
 fn test_leaf(leaf: &Leaf, ray: &PreparedRay, best: &mut Hit) {
     for lane in 0..LANES {
-        let sheared = shear(leaf, lane, ray);
-        let mut edges = edges(&sheared);
-        if edges.contains(&0.0) {
-            edges = edges_in_f64(&sheared);
-        }
-        let hit = hit_from_edges(
-            &sheared,
-            edges,
-            ray.shear[2],
-            leaf.triangle[lane],
-            ray.least,
-            best.t,
-        );
-        if let Some(hit) = hit.filter(|hit| is_better(hit, best)) {
-            *best = hit;
-        }
+        test_lane(leaf, lane, ray, best);
+    }
+}
+
+/// Tests one triangle; keeps the better hit.
+pub(super) fn test_lane(leaf: &Leaf, lane: usize, ray: &PreparedRay, best: &mut Hit) {
+    let sheared = shear(leaf, lane, ray);
+    let mut edges = edges(&sheared);
+    if edges.contains(&0.0) {
+        edges = edges_in_f64(&sheared);
+    }
+    let hit = hit_from_edges(
+        &sheared,
+        edges,
+        ray.shear[2],
+        leaf.triangle[lane],
+        ray.least,
+        best.t,
+    );
+    if let Some(hit) = hit.filter(|hit| is_better(hit, best)) {
+        *best = hit;
     }
 }
 
 /// The triangle of a lane in the ray's sheared axes.
-pub(super) fn shear(leaf: &Leaf, lane: usize, ray: &PreparedRay) -> Sheared {
+fn shear(leaf: &Leaf, lane: usize, ray: &PreparedRay) -> Sheared {
     std::array::from_fn(|vertex| {
         let [x, y, z]: [f32; 3] =
             std::array::from_fn(|k| leaf.vertex[vertex][ray.axes[k]][lane] - ray.origin[k]);
@@ -95,10 +104,25 @@ pub(super) fn shear(leaf: &Leaf, lane: usize, ray: &PreparedRay) -> Sheared {
 }
 
 /// Twice the signed areas opposite each vertex.
-pub(super) fn edges([a, b, c]: &Sheared) -> [f32; 3] {
+fn edges([a, b, c]: &Sheared) -> [f32; 3] {
     [
         c[0] * b[1] - c[1] * b[0],
         a[0] * c[1] - a[1] * c[0],
         b[0] * a[1] - b[1] * a[0],
     ]
+}
+
+/// The nearest hits without any box: what a tree must not change.
+#[cfg(test)]
+pub(super) fn trace_by_force(tree: &Tree, rays: &[Ray], hits: &mut [Hit]) {
+    for (ray, hit) in rays.iter().zip(hits) {
+        let Some(ray) = prepare(ray, tree.extent) else {
+            continue;
+        };
+        let mut best = nothing_yet(ray.greatest);
+        for leaf in &tree.leaves {
+            test_leaf(leaf, &ray, &mut best);
+        }
+        *hit = finished(best);
+    }
 }

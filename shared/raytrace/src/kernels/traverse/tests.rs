@@ -49,7 +49,7 @@ fn brute_force(triangles: &[Triangle], ray: &Ray) -> Option<(u32, f64)> {
     let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let mut best: Option<(u32, f64)> = None;
     for triangle in triangles {
-        let [a, b, c] = triangle.vertices.map(|p| p.as_dvec3());
+        let [a, b, c] = triangle.vertices.map(Vec3::as_dvec3);
         let (e1, e2, s) = (b - a, c - a, o - a);
         let determinant = e1.dot(d.cross(e2));
         let u = s.dot(d.cross(e2)) / determinant;
