@@ -1,6 +1,6 @@
-//! Fuses a dump of depth frames on one thread and prints what it cost, as one line of JSON.
+//! Fuses a dump of depth frames and prints what it cost, as one line of JSON.
 //!
-//! `fuse_folder DUMP [--voxel-mm 5] [--truncation-voxels 8] [--min-weight 3] [--mesh OUT.ply]`
+//! `fuse_folder DUMP [--voxel-mm 5] [--truncation-voxels 8] [--min-weight 3] [--threads 1] [--mesh OUT.ply]`
 //!
 //! DUMP, little-endian: u32 width, height, frame count; f64 fx, fy, cx, cy; per frame 16 f64 (4x4
 //! `world_from_camera`, row-major, metres) and width·height u16 (depth in millimetres; 0 and 65535 = none).
@@ -19,12 +19,15 @@ struct Arguments {
     voxel_mm: f32,
     truncation_voxels: f32,
     min_weight: f32,
+    threads: usize,
     mesh: Option<String>,
 }
 
 fn main() -> Result<(), Failure> {
     let arguments = parse(std::env::args().skip(1))?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(arguments.threads)
+        .build()?;
     pool.install(|| run(&arguments))
 }
 
@@ -35,6 +38,7 @@ fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> 
         voxel_mm: 5.0,
         truncation_voxels: 8.0,
         min_weight: 3.0,
+        threads: 1,
         mesh: None,
     };
     while let Some(flag) = words.next() {
@@ -45,6 +49,7 @@ fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> 
             "--voxel-mm" => arguments.voxel_mm = value.parse()?,
             "--truncation-voxels" => arguments.truncation_voxels = value.parse()?,
             "--min-weight" => arguments.min_weight = value.parse()?,
+            "--threads" => arguments.threads = value.parse()?,
             "--mesh" => arguments.mesh = Some(value),
             _ => return Err(format!("unknown flag {flag}").into()),
         }

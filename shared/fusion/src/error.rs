@@ -28,6 +28,12 @@ pub enum FusionError {
         /// Reference depth given, metres.
         reference_depth: f32,
     },
+    /// The depth step is not a length.
+    #[error("a depth step of {depth_step} m at 1 m is outside 0 to 1 m")]
+    DepthStep {
+        /// Metres given.
+        depth_step: f32,
+    },
     /// The depth gate is empty, not a number, or reaches beyond 1000 m.
     #[error("the depth gate {min_depth}..{max_depth} m is empty, not a number, or beyond 1000 m")]
     DepthGate {

@@ -63,7 +63,7 @@ pub(super) fn face_segments(signs: u8, corners: [usize; 4]) -> Vec<(usize, usize
             }
             let enter = edge_between(corners[start], corners[(start + 1) % 4]);
             let leave = edge_between(corners[end % 4], corners[(end + 1) % 4]);
-            segments.push((leave, enter));
+            segments.push((enter, leave));
         }
     }
     segments

@@ -4,6 +4,8 @@ mod cases;
 mod components;
 mod extract;
 mod halo;
+#[cfg(test)]
+mod tests;
 
 use geometry::{DVec3, Vec3};
 

@@ -1,17 +1,20 @@
-//! Quantile regression by iteratively reweighted least squares.
+//! Quantile regression with a rounded corner.
 //!
 //! Minimises Σ c(r) h(r) over the luminance m, r = luminance − m, with c = 1 − q below and q above
-//! (q = 0.1) and the Huber function h of width δ = σ/2: r²/2δ inside, |r| − δ/2 outside. The weights
-//! w = c(r)/max(|r|, δ) are shared by the channels, so the hue is that of real samples (hard-cases G06).
+//! (q = 0.1) and the Huber function h of width δ = σ/2: r²/2δ inside, |r| − δ/2 outside. This is what
+//! reweighted least squares with w = c(r)/max(|r|, δ) tends to; the same weights at the minimum average the
+//! channels, so the hue is that of real samples (hard-cases G06).
+
+#[cfg(test)]
+mod tests;
 
 /// Quantile that the estimate follows; above the share of dark outliers, below that of matte views.
 const QUANTILE: f64 = 0.1;
 /// Bias of the estimate in σ, the same for 5 to 1000 views (hard-cases, preamble of G). Re-derive it when
 /// the quantile or δ change.
 const BIAS_IN_SIGMA: f64 = 0.88;
-/// Iterations and change (in σ) that end the solve.
-const MOST_ITERATIONS: usize = 20;
-const LEAST_CHANGE_IN_SIGMA: f64 = 1e-4;
+/// Width of the bracket that ends the solve, in σ.
+const LEAST_CHANGE_IN_SIGMA: f64 = 1e-5;
 /// Unsaturated samples from which saturated ones are dropped.
 const ENOUGH_UNSATURATED: usize = 3;
 /// Samples that must lie within ±2σ before darker ones can be outliers.
@@ -104,9 +107,9 @@ pub fn robust_minimum(samples: &[Sample], sigma: f32) -> RobustMinimum {
     let support = support_of(&luminances, minimum + BIAS_IN_SIGMA * sigma);
     let ambiguous = has_larger_group_above(&luminances, minimum, support, sigma);
     let doubt = if lower_bound || ambiguous { 0.5 } else { 1.0 };
+    let correction = BIAS_IN_SIGMA * sigma.min(spread_near(&luminances, minimum, sigma));
     RobustMinimum {
-        value: shared_weight_mean(&used, minimum, sigma)
-            .map(|c| (c + BIAS_IN_SIGMA * sigma) as f32),
+        value: shared_weight_mean(&used, minimum, sigma).map(|c| (c + correction) as f32),
         count: used.len() as u32,
         confidence: (doubt * (support as f64 / ENOUGH_SUPPORT as f64).min(1.0)) as f32,
         lower_bound,
@@ -115,59 +118,46 @@ pub fn robust_minimum(samples: &[Sample], sigma: f32) -> RobustMinimum {
     }
 }
 
-/// The minimiser of the cost over sorted luminances, from the 10 % quantile.
+/// The minimiser of the cost over sorted luminances; the middle of them where the cost is flat (one of ten
+/// samples below, nine above: 0.9 pulls each way).
+///
+/// The cost is convex, so its slope changes sign once, within δ of the 10 % quantile. Both ends of the
+/// stretch without slope are bisected: nothing depends on a start, and nothing can oscillate (G01, G07).
 fn quantile_fit(sorted: &[f64], sigma: f64) -> f64 {
-    let start = sorted[((sorted.len() - 1) as f64 * QUANTILE).round() as usize];
-    middle_of_flat(sorted, descend(sorted, sigma, start, |_| {}), sigma)
+    let delta = 0.5 * sigma;
+    // With k samples below and the others above, the pull is 0.1 n − k: positive at `low`, negative at `high`.
+    let share = QUANTILE * sorted.len() as f64;
+    let last = sorted.len() - 1;
+    let low = sorted[((share - 1e-9).ceil() as usize).saturating_sub(1)] - delta;
+    let high = sorted[((share + 1e-9).floor() as usize).min(last)] + delta;
+    // Sums of 0.9 and 0.1 that cancel leave rounding.
+    let flat = 1e-9 * sorted.len() as f64;
+    let end_where = |is_before: &dyn Fn(f64) -> bool| {
+        let (mut before, mut after) = (low, high);
+        while after - before > LEAST_CHANGE_IN_SIGMA * sigma {
+            let middle = 0.5 * (before + after);
+            // Neighbouring numbers: far from 0 their distance is all there is.
+            if middle <= before || middle >= after {
+                break;
+            }
+            if is_before(pull(sorted, middle, delta)) {
+                before = middle;
+            } else {
+                after = middle;
+            }
+        }
+        0.5 * (before + after)
+    };
+    0.5 * (end_where(&|pull| pull > flat) + end_where(&|pull| pull >= -flat))
 }
 
-/// Reweighted least squares from `start`. Each step is halved until the cost does not rise, because the
-/// weight jumps with the sign of r and a full step can overshoot (G07). `watch` sees each cost.
-fn descend(luminances: &[f64], sigma: f64, start: f64, mut watch: impl FnMut(f64)) -> f64 {
-    let delta = 0.5 * sigma;
-    let mut minimum = start;
-    let mut cost = total_cost(luminances, minimum, delta);
-    watch(cost);
-    for _ in 0..MOST_ITERATIONS {
-        let (mut weighted, mut weights) = (0.0, 0.0);
-        for &luminance in luminances {
-            let weight = sample_weight(luminance - minimum, delta);
-            weighted += weight * luminance;
-            weights += weight;
-        }
-        let mut step = weighted / weights - minimum;
-        let mut next_cost = total_cost(luminances, minimum + step, delta);
-        while next_cost > cost && step.abs() > 1e-12 * sigma {
-            step *= 0.5;
-            next_cost = total_cost(luminances, minimum + step, delta);
-        }
-        if next_cost > cost {
-            break;
-        }
-        minimum += step;
-        cost = next_cost;
-        watch(cost);
-        if step.abs() < LEAST_CHANGE_IN_SIGMA * sigma {
-            break;
-        }
-    }
-    minimum
-}
-
-/// Between two samples the cost can be flat (one of ten below, nine above: 0.9 pulls each way). The middle
-/// of the flat stretch does not depend on where the descent came from.
-fn middle_of_flat(sorted: &[f64], minimum: f64, sigma: f64) -> f64 {
-    let delta = 0.5 * sigma;
-    let slope: f64 = sorted
+/// Minus the slope of the cost at `minimum`: positive where samples pull upwards.
+fn pull(luminances: &[f64], minimum: f64, delta: f64) -> f64 {
+    luminances
         .iter()
-        .map(|l| sample_weight(l - minimum, delta) * (l - minimum))
-        .sum();
-    let below = sorted.partition_point(|&l| l < minimum);
-    let is_flat = slope.abs() < 1e-9 * sorted.len() as f64 && below > 0 && below < sorted.len();
-    if !is_flat || sorted[below - 1] + delta > minimum || sorted[below] - delta < minimum {
-        return minimum;
-    }
-    0.5 * ((sorted[below - 1] + delta) + (sorted[below] - delta))
+        .map(|luminance| luminance - minimum)
+        .map(|residual| sample_weight(residual, delta) * residual)
+        .sum()
 }
 
 fn sample_weight(residual: f64, delta: f64) -> f64 {
@@ -180,22 +170,6 @@ fn side(residual: f64) -> f64 {
     } else {
         QUANTILE
     }
-}
-
-fn total_cost(luminances: &[f64], minimum: f64, delta: f64) -> f64 {
-    let cost = |residual: f64| {
-        let size = residual.abs();
-        side(residual)
-            * if size < delta {
-                size * size / (2.0 * delta)
-            } else {
-                size - 0.5 * delta
-            }
-    };
-    luminances
-        .iter()
-        .map(|luminance| cost(luminance - minimum))
-        .sum()
 }
 
 /// The colour whose luminance is `minimum`: the mean with the final weights.
@@ -212,14 +186,26 @@ fn shared_weight_mean(used: &[(f64, &Sample)], minimum: f64, sigma: f64) -> [f64
     sum.map(|total| total / weights)
 }
 
-/// Whether some window of ±2σ, wholly more than 4σ above `minimum`, holds more than twice `support`
-/// samples and at least half of all.
+/// Distance between the outermost samples within 4σ of `minimum`. The bias that is added back never
+/// exceeds it: equal samples have no noise to correct, and a lone one has no minimum (G01, G02).
+fn spread_near(sorted: &[f64], minimum: f64, sigma: f64) -> f64 {
+    let reach = OUTLIER_IN_SIGMA * sigma;
+    let first = sorted.partition_point(|&l| l < minimum - reach);
+    let end = sorted.partition_point(|&l| l <= minimum + reach);
+    match sorted[first..end] {
+        [lowest, .., highest] => highest - lowest,
+        _ => 0.0,
+    }
+}
+
+/// Whether some window of ±2σ, wholly more than 4σ above `minimum`, holds more than `support` samples and
+/// at least a third of all.
 fn has_larger_group_above(sorted: &[f64], minimum: f64, support: usize, sigma: f64) -> bool {
     let first = sorted.partition_point(|&l| l < minimum + OUTLIER_IN_SIGMA * sigma);
     let above = &sorted[first..];
-    let needed = (2 * support + 1)
+    let needed = (support + 1)
         .max(ENOUGH_SUPPORT)
-        .max(sorted.len().div_ceil(2));
+        .max(sorted.len().div_ceil(3));
     (0..above.len()).any(|low| {
         let high = above.partition_point(|&l| l <= above[low] + 4.0 * sigma);
         high - low >= needed

@@ -1,5 +1,6 @@
 //! Which blocks a depth image touches.
 
+use glam::Vec3A;
 use rayon::prelude::*;
 
 use super::key::{mix, pack};
@@ -9,8 +10,11 @@ use crate::kernels::integrate::DepthView;
 const BAND_ROWS: usize = 60;
 /// Entries of the per-task cache of recently touched blocks, a power of two.
 const CACHE_ENTRIES: usize = 4096;
-/// Rays per block edge below which every pixel is followed instead of every second one.
-const RAYS_PER_BLOCK: f32 = 3.0;
+/// Rays that at least cross a piece of surface as wide as the truncation: the coarsest grid of pixels that
+/// keeps this is followed. Fewer miss blocks of which only a corner reaches into the band.
+const RAYS_PER_TRUNCATION: f32 = 2.0;
+/// Pixels between followed rays, coarsest first.
+const STRIDES: [usize; 2] = [4, 2];
 
 /// The pixel rays in block units, relative to the block that holds the camera: a point at depth z of
 /// pixel (x, y) is `eye + z (forward + x right + y down)`.
@@ -18,15 +22,17 @@ pub(super) struct BlockRays {
     /// Block that local coordinates count from.
     pub anchor: [i32; 3],
     /// Camera centre.
-    pub eye: [f32; 3],
+    pub eye: Vec3A,
     /// Ray of pixel (0, 0) per metre of z.
-    pub forward: [f32; 3],
+    pub forward: Vec3A,
     /// Change of the ray per column.
-    pub right: [f32; 3],
+    pub right: Vec3A,
     /// Change of the ray per row.
-    pub down: [f32; 3],
+    pub down: Vec3A,
     /// Half of the band to allocate, metres of z.
     pub truncation: f32,
+    /// The same in block edges.
+    pub truncation_in_blocks: f32,
     /// Samples of the band on each side of the surface.
     pub half_samples: usize,
     /// Metres of z between samples.
@@ -41,19 +47,26 @@ pub(super) struct Touched {
     pub out_of_range_count: usize,
 }
 
-/// Samples each ray through depth ± truncation and collects the blocks on the way.
+/// Samples rays through depth ± truncation and collects the blocks on the way.
 ///
-/// Every second pixel in x and y is followed, and every pixel next to a depth edge, where a thin part
-/// would fall between rays, or so far away that blocks shrink to a few pixels.
+/// Every fourth or second pixel in x and y is followed, as blocks are many pixels large or few, and every
+/// pixel where blocks are smaller still or next to a depth edge: there a thin part, or a stretch of surface
+/// seen at a grazing angle, would fall between rays.
 pub(super) fn touched_blocks(image: DepthView<'_>, rays: &BlockRays) -> Touched {
-    let pixel_in_blocks = length(rays.right).max(length(rays.down));
-    let every_pixel_beyond = 1.0 / (2.0 * RAYS_PER_BLOCK * pixel_in_blocks);
+    let pixel_in_blocks = rays.right.length().max(rays.down.length());
+    let grids = STRIDES.map(|stride| Grid {
+        mask: stride - 1,
+        farthest: rays.truncation_in_blocks
+            / (stride as f32 * RAYS_PER_TRUNCATION * pixel_in_blocks),
+        // Between two followed rays depth then changes by no more than both bands cover.
+        jump: 2.0 * rays.truncation / stride as f32,
+    });
     let bands: Vec<Touched> = (0..image.height.div_ceil(BAND_ROWS))
         .into_par_iter()
         .map(|band| {
             let mut walker = Walker::new(rays);
             for y in band * BAND_ROWS..((band + 1) * BAND_ROWS).min(image.height) {
-                walk_row(image, y, every_pixel_beyond, &mut walker);
+                walk_row(image, y, &grids, &mut walker);
             }
             walker.touched
         })
@@ -69,36 +82,65 @@ pub(super) fn touched_blocks(image: DepthView<'_>, rays: &BlockRays) -> Touched 
     all
 }
 
-fn walk_row(image: DepthView<'_>, y: usize, every_pixel_beyond: f32, walker: &mut Walker<'_>) {
+/// Which pixels are followed up to a depth.
+struct Grid {
+    /// Low bits that are 0 in the column and the row of a followed pixel.
+    mask: usize,
+    /// Depth up to which the grid is dense enough, metres.
+    farthest: f32,
+    /// Difference to a neighbour from which a pixel off the grid is followed, metres.
+    jump: f32,
+}
+
+fn walk_row(
+    image: DepthView<'_>,
+    y: usize,
+    grids: &[Grid; STRIDES.len()],
+    walker: &mut Walker<'_>,
+) {
     let width = image.width;
     let row = &image.depth[y * width..(y + 1) * width];
     // Borders compare with themselves.
     let above = &image.depth[y.saturating_sub(1) * width..][..width];
     let below = &image.depth[(y + 1).min(image.height - 1) * width..][..width];
-    let truncation = walker.rays.truncation;
-    for x in 0..width {
-        let depth = row[x];
+    largest_differences(row, above, below, &mut walker.jumps);
+    let start = walker.rays.forward + y as f32 * walker.rays.down;
+    for (x, &depth) in row.iter().enumerate() {
+        let grid = grids.iter().find(|grid| depth < grid.farthest);
+        let is_followed =
+            grid.is_none_or(|grid| (x | y) & grid.mask == 0 || walker.jumps[x] >= grid.jump);
         // A loaded frame holds no NaN.
-        if depth <= 0.0 {
-            continue;
+        if is_followed && depth > 0.0 {
+            walker.walk(start + x as f32 * walker.rays.right, depth);
         }
-        let is_on_grid = (x | y) & 1 == 0;
-        if !is_on_grid && depth < every_pixel_beyond {
-            let (left, right) = (row[x.saturating_sub(1)], row[(x + 1).min(width - 1)]);
-            let nearest = left.min(right).min(above[x]).min(below[x]);
-            let farthest = left.max(right).max(above[x]).max(below[x]);
-            if farthest - depth < truncation && depth - nearest < truncation {
-                continue;
-            }
-        }
-        walker.walk(x as f32, y as f32, depth);
+    }
+}
+
+/// For each pixel the largest absolute difference to its four neighbours. Plain comparisons, because the
+/// frame holds no NaN, and a vector unit has them.
+fn largest_differences(row: &[f32], above: &[f32], below: &[f32], out: &mut Vec<f32>) {
+    let larger = |a: f32, b: f32| if a > b { a } else { b };
+    out.clear();
+    out.extend(
+        row.iter()
+            .zip(above)
+            .zip(below)
+            .map(|((&depth, &above), &below)| larger((above - depth).abs(), (below - depth).abs())),
+    );
+    let (lefts, rights) = (&row[..row.len() - 1], &row[1..]);
+    for ((out, &left), &depth) in out[1..].iter_mut().zip(lefts).zip(rights) {
+        *out = larger(*out, (left - depth).abs());
+    }
+    for ((out, &depth), &right) in out.iter_mut().zip(lefts).zip(rights) {
+        *out = larger(*out, (right - depth).abs());
     }
 }
 
 /// The block that one sample of the last ray fell into.
 #[derive(Clone, Copy)]
 struct LastTouch {
-    cell: [i32; 3],
+    /// Whole numbers.
+    cell: Vec3A,
     is_repeated: bool,
 }
 
@@ -106,19 +148,22 @@ struct Walker<'a> {
     rays: &'a BlockRays,
     last: Vec<LastTouch>,
     cache: Vec<(u64, bool)>,
+    /// Differences to neighbours of the row at hand, metres.
+    jumps: Vec<f32>,
     touched: Touched,
 }
 
 impl<'a> Walker<'a> {
     fn new(rays: &'a BlockRays) -> Self {
         let last = LastTouch {
-            cell: [i32::MIN; 3],
+            cell: Vec3A::NAN,
             is_repeated: true,
         };
         Self {
             rays,
             last: vec![last; 2 * rays.half_samples + 1],
             cache: vec![(u64::MAX, false); CACHE_ENTRIES],
+            jumps: Vec::new(),
             touched: Touched {
                 keys: Vec::new(),
                 out_of_range_count: 0,
@@ -130,14 +175,19 @@ impl<'a> Walker<'a> {
     /// apart at most. The middle sample is the surface point, so no block with surface is passed over; a
     /// corner of the band that is cut short falls to the samples of other rays.
     #[inline]
-    fn walk(&mut self, x: f32, y: f32, depth: f32) {
+    fn walk(&mut self, slope: Vec3A, depth: f32) {
         let rays = self.rays;
-        let slope: [f32; 3] = std::array::from_fn(|axis| {
-            rays.forward[axis] + x * rays.right[axis] + y * rays.down[axis]
-        });
+        let step = rays.sample_step * slope;
+        let mut point = rays.eye + (depth - rays.truncation) * slope;
+        let mut previous = Vec3A::NAN;
         for sample in 0..self.last.len() {
-            let z = depth + (sample as f32 - rays.half_samples as f32) * rays.sample_step;
-            let cell = std::array::from_fn(|axis| floor(rays.eye[axis] + z * slope[axis]));
+            let cell = point.floor();
+            point += step;
+            // Two samples in one block are still one ray.
+            if cell == previous {
+                continue;
+            }
+            previous = cell;
             // Neighbouring rays mostly meet the same blocks; the second meeting still counts.
             let last = &mut self.last[sample];
             if last.cell != cell {
@@ -154,7 +204,9 @@ impl<'a> Walker<'a> {
     }
 
     #[inline]
-    fn touch(&mut self, local: [i32; 3]) {
+    fn touch(&mut self, cell: Vec3A) {
+        // Whole numbers; a cast saturates, and `pack` refuses what is that far away.
+        let local = cell.to_array().map(|c| c as i32);
         let block = std::array::from_fn(|axis| local[axis].saturating_add(self.rays.anchor[axis]));
         let Some(key) = pack(block) else {
             self.touched.out_of_range_count += 1;
@@ -170,17 +222,6 @@ impl<'a> Walker<'a> {
             self.touched.keys.push(key);
         }
     }
-}
-
-/// `floor` as an integer without a library call.
-#[inline]
-fn floor(value: f32) -> i32 {
-    let truncated = value as i32;
-    truncated.saturating_sub(i32::from(truncated as f32 > value))
-}
-
-fn length(v: [f32; 3]) -> f32 {
-    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }
 
 /// Remembers blocks that one ray has met, so that only the second meeting allocates (hard-cases D17).

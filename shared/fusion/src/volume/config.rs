@@ -21,7 +21,8 @@ const MAX_WEIGHT_CAP: f32 = 1e6;
 pub struct VolumeConfig {
     /// Voxel edge, metres.
     pub voxel_size: f32,
-    /// Truncation distance in voxels, at least [`MIN_TRUNCATION_VOXELS`]. A thing thinner than twice the
+    /// Truncation distance in voxels, at least [`MIN_TRUNCATION_VOXELS`]. Distance is measured along the view:
+    /// at a slant of θ the band is cos θ as deep, and 6 voxels keep a surface whole up to 60°. A thing thinner than twice the
     /// truncation is kept by the two-sided rule of the update (D07), not by distance.
     pub truncation_voxels: f32,
     /// Largest weight of a voxel, at most 1e6. Later frames keep a share of `1 / weight_cap`.
@@ -30,6 +31,10 @@ pub struct VolumeConfig {
     /// depth step of a triangulating sensor grows with z², so its inverse variance falls with z⁴ and half
     /// of that is spent on systematic errors that repeat from frame to frame. 1 mm to 1 km.
     pub reference_depth: f32,
+    /// Resolution of the sensor at 1 m, metres; it grows with z². Differences below two such steps are noise
+    /// and never a second surface (D07). The default is that of a sensor with 75 mm baseline and 1/8 pixel
+    /// of disparity; 0 for exact depth.
+    pub depth_step: f32,
     /// Nearest depth that is used, metres.
     pub min_depth: f32,
     /// Farthest depth that is used, metres, at most 1000.
@@ -47,6 +52,7 @@ impl Default for VolumeConfig {
             truncation_voxels: 6.0,
             weight_cap: 128.0,
             reference_depth: 1.0,
+            depth_step: 0.0029,
             min_depth: 0.3,
             max_depth: 4.0,
             block_limit: 500_000,
@@ -73,6 +79,7 @@ impl VolumeConfig {
             truncation_voxels,
             weight_cap,
             reference_depth,
+            depth_step,
             min_depth,
             max_depth,
             ..
@@ -89,6 +96,9 @@ impl VolumeConfig {
                 weight_cap,
                 reference_depth,
             });
+        }
+        if !(0.0..=1.0).contains(&depth_step) {
+            return Err(FusionError::DepthStep { depth_step });
         }
         if !(min_depth >= 0.0 && max_depth > min_depth && max_depth <= MAX_DEPTH) {
             return Err(FusionError::DepthGate {

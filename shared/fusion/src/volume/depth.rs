@@ -35,6 +35,8 @@ pub(super) struct DepthBounds {
     pub nearest: f32,
     /// Largest measured depth, −∞ without any.
     pub farthest: f32,
+    /// Whether all pixels are in the image and all voxels in front of the camera.
+    pub is_inside: bool,
 }
 
 impl FrameDepth {
@@ -109,6 +111,7 @@ impl FrameDepth {
         let unknown = DepthBounds {
             nearest: f32::NEG_INFINITY,
             farthest: f32::INFINITY,
+            is_inside: false,
         };
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         for corner in 0..8usize {
@@ -149,7 +152,11 @@ impl FrameDepth {
             }
         }
         let nearest = if is_full { nearest } else { f32::NEG_INFINITY };
-        (farthest > 0.0).then_some(DepthBounds { nearest, farthest })
+        (farthest > 0.0).then_some(DepthBounds {
+            nearest,
+            farthest,
+            is_inside,
+        })
     }
 
     fn update_undistortion(&mut self, camera: &Intrinsics) {
@@ -175,14 +182,13 @@ fn bound_tiles(rows: &[f32], width: usize, tiles: &mut [Tile]) {
         for (tile, depths) in tiles.iter_mut().zip(row.chunks(TILE)) {
             for &depth in depths {
                 let is_measured = depth > 0.0;
-                tile.nearest = tile
-                    .nearest
-                    .min(if is_measured { depth } else { f32::INFINITY });
-                tile.farthest = tile.farthest.max(if is_measured {
-                    depth
-                } else {
-                    f32::NEG_INFINITY
-                });
+                // Plain comparisons: nothing here is NaN.
+                if is_measured && depth < tile.nearest {
+                    tile.nearest = depth;
+                }
+                if is_measured && depth > tile.farthest {
+                    tile.farthest = depth;
+                }
                 tile.is_full &= is_measured;
             }
         }

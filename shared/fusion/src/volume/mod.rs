@@ -9,6 +9,8 @@ mod config;
 mod depth;
 pub mod key;
 mod table;
+#[cfg(test)]
+mod tests;
 
 use geometry::{DMat3, DVec3, Intrinsics, Pose};
 use rayon::prelude::*;
@@ -23,6 +25,10 @@ use crate::kernels::integrate::{Block, BlockView, Conflicts, UpdateRule, integra
 pub use self::config::{MIN_TRUNCATION_VOXELS, VolumeConfig};
 pub use self::table::BlockTable;
 
+/// Longest way between two samples of a ray's band, in block edges: no layer of blocks is stepped over.
+const LONGEST_SAMPLE_STEP: f32 = 0.75;
+/// Depth steps by which two observations of one surface may differ before they contradict each other.
+const CONFLICT_STEPS: f32 = 2.0;
 /// Blocks per allocation and per parallel task (256 KiB).
 const SLAB_BLOCKS: usize = 64;
 
@@ -208,6 +214,7 @@ impl Volume {
             weight_at_one_metre: config.reference_depth * config.reference_depth,
             weight_cap: config.weight_cap,
             conflict: 1.0 / config.truncation_voxels,
+            conflict_at_one_metre: CONFLICT_STEPS * config.depth_step / config.truncation(),
         };
         let (level, frame, frame_number) = (self.level, &self.frame, self.frame_number);
         self.slabs
@@ -216,17 +223,29 @@ impl Volume {
             .zip(self.touched_in.par_chunks(SLAB_BLOCKS))
             .for_each(|((slab, keys), touched_in)| {
                 let mut conflicts = Conflicts::NONE;
-                for ((block, &key), &touched) in slab.iter_mut().zip(keys).zip(touched_in) {
-                    if touched != frame_number {
-                        continue;
-                    }
-                    let mut view = projection.block_view(unpack(key));
+                let mut places = (0..slab.len())
+                    .filter(|&place| touched_in[place] == frame_number)
+                    .peekable();
+                while let Some(place) = places.next() {
+                    let mut view = projection.block_view(unpack(keys[place]));
                     let Some(bounds) = frame.bounds(&view) else {
                         continue;
                     };
                     view.farthest = bounds.farthest + rule.truncation;
                     view.nearest = bounds.nearest - rule.truncation;
-                    integrate_block(level, block, frame.view(), &view, &rule, &mut conflicts);
+                    view.is_inside = bounds.is_inside;
+                    let (before, after) = slab.split_at_mut(place + 1);
+                    let block = &mut before[place];
+                    let ahead = places.peek().map(|next| &after[next - place - 1]);
+                    integrate_block(
+                        level,
+                        block,
+                        ahead,
+                        frame.view(),
+                        &view,
+                        &rule,
+                        &mut conflicts,
+                    );
                 }
             });
     }
@@ -239,6 +258,8 @@ struct Projection {
     eye: DVec3,
     focal: geometry::DVec2,
     center: geometry::DVec2,
+    /// Columns and rows.
+    size: geometry::DVec2,
     voxel_size: f64,
 }
 
@@ -249,6 +270,7 @@ impl Projection {
             eye: world_from_camera.translation() - config.origin,
             focal: camera.focal(),
             center: camera.center(),
+            size: geometry::DVec2::new(f64::from(camera.width()), f64::from(camera.height())),
             voxel_size: f64::from(config.voxel_size),
         }
     }
@@ -274,6 +296,7 @@ impl Projection {
             to_camera: to_camera.as_vec3().to_array(),
             farthest: f32::INFINITY,
             nearest: f32::NEG_INFINITY,
+            is_inside: false,
         }
     }
 
@@ -284,18 +307,30 @@ impl Projection {
         let volume_from_camera = self.camera_from_volume.transpose();
         let ray = |x: f64, y: f64, z: f64| {
             (volume_from_camera * DVec3::new(x / self.focal.x, y / self.focal.y, z) / block_size)
-                .as_vec3()
-                .to_array()
+                .as_vec3a()
         };
-        let half_samples = (2.0 * config.truncation_voxels / BLOCK_EDGE as f32).ceil() as usize;
+        let corners = [0, 1, 2, 3].map(|n| {
+            let (x, y) = (f64::from(n & 1), f64::from(n >> 1));
+            ray(
+                x * self.size.x - self.center.x,
+                y * self.size.y - self.center.y,
+                1.0,
+            )
+        });
+        let longest_ray = corners
+            .into_iter()
+            .fold(0.0, |longest: f32, ray| longest.max(ray.length()));
+        let half_samples =
+            (config.truncation() * longest_ray / LONGEST_SAMPLE_STEP).ceil() as usize;
         BlockRays {
             // A cast saturates: a camera beyond every block stays there and its requests are refused.
             anchor: anchor.to_array().map(|c| c as i32),
-            eye: (eye - anchor).as_vec3().to_array(),
+            eye: (eye - anchor).as_vec3a(),
             forward: ray(-self.center.x, -self.center.y, 1.0),
             right: ray(1.0, 0.0, 0.0),
             down: ray(0.0, 1.0, 0.0),
             truncation: config.truncation(),
+            truncation_in_blocks: config.truncation_voxels / BLOCK_EDGE as f32,
             half_samples,
             sample_step: config.truncation() / half_samples as f32,
         }

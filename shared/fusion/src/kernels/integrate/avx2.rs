@@ -1,11 +1,11 @@
 //! The row update, 8 voxels at once, in two passes over a block.
 //!
 //! The first pass only reads the image: it ends in 64 rows of observations, and none of its branches waits
-//! for a gather. The second reads and writes voxels, which the first has prefetched meanwhile. A lane
-//! without an observation carries weight 0 and passes through the average unchanged.
+//! for a load. The second reads and writes voxels, which the block before has prefetched. A lane without an
+//! observation carries weight 0 and keeps what is stored.
 #![expect(
     unsafe_code,
-    reason = "vector loads, stores, prefetches and gathers through pointers"
+    reason = "vector loads and stores and pixel reads through pointers"
 )]
 
 use std::arch::x86_64::*;
@@ -14,6 +14,7 @@ use super::{Block, BlockView, Conflicts, DepthView, UpdateRule, Z_NEAR};
 use crate::volume::key::{BLOCK_EDGE, BLOCK_VOXELS};
 
 const ROWS: usize = BLOCK_EDGE * BLOCK_EDGE;
+const CACHE_LINE_VOXELS: usize = 64 / size_of::<f32>();
 
 /// What the image says about a block's voxels.
 struct Observations {
@@ -26,6 +27,7 @@ struct Observations {
 /// As [`super::scalar::integrate_rows`], bit for bit.
 pub(super) fn integrate_rows(
     block: &mut Block,
+    ahead: Option<&Block>,
     image: DepthView<'_>,
     view: &BlockView,
     rule: &UpdateRule,
@@ -42,15 +44,20 @@ pub(super) fn integrate_rows(
             weight: [0.0; BLOCK_VOXELS],
             rows: 0,
         };
-        observe(block, image, view, rule, &mut observations);
+        if view.is_inside {
+            observe::<true>(ahead, image, view, rule, &mut observations);
+        } else {
+            observe::<false>(ahead, image, view, rule, &mut observations);
+        }
         average_rows(block, &observations, rule, conflicts);
     }
 }
 
-/// Reads the image for every row that can be in the band. `block` is only prefetched.
+/// Reads the image for every row that can be in the band, and fetches the block `ahead` meanwhile.
+/// `INSIDE`: see [`BlockView::is_inside`].
 #[target_feature(enable = "avx2")]
-fn observe(
-    block: &Block,
+fn observe<const INSIDE: bool>(
+    ahead: Option<&Block>,
     image: DepthView<'_>,
     view: &BlockView,
     rule: &UpdateRule,
@@ -58,8 +65,11 @@ fn observe(
 ) {
     let mut start = [[0.0f32; ROWS]; 3];
     let (active, free) = row_starts(view, &mut start);
-    prefetch(block, active);
+    let Some(last) = image.depth.len().checked_sub(1) else {
+        return;
+    };
 
+    let last_pixel = _mm256_set1_epi32(last as i32);
     let zero = _mm256_setzero_ps();
     let one = _mm256_set1_ps(1.0);
     let half = _mm256_set1_ps(0.5);
@@ -80,7 +90,11 @@ fn observe(
         left &= left - 1;
         let z = _mm256_add_ps(_mm256_set1_ps(start[2][row]), along_z);
         let inverse_z = _mm256_div_ps(one, z);
-        let in_front = _mm256_cmp_ps::<_CMP_GE_OQ>(z, z_near);
+        let in_front = if INSIDE {
+            all_lanes()
+        } else {
+            _mm256_cmp_ps::<_CMP_GE_OQ>(z, z_near)
+        };
         let weight = _mm256_mul_ps(_mm256_mul_ps(inverse_z, inverse_z), weight_at_one_metre);
         store_row(&mut out.tsdf, row, _mm256_and_ps(one, in_front));
         store_row(&mut out.weight, row, _mm256_and_ps(weight, in_front));
@@ -91,33 +105,38 @@ fn observe(
     while left != 0 {
         let row = left.trailing_zeros() as usize;
         left &= left - 1;
+        if let Some(ahead) = ahead {
+            prefetch_line(ahead, row);
+        }
         let u = _mm256_add_ps(_mm256_set1_ps(start[0][row]), along_u);
         let v = _mm256_add_ps(_mm256_set1_ps(start[1][row]), along_v);
         let z = _mm256_add_ps(_mm256_set1_ps(start[2][row]), along_z);
         let inverse_z = _mm256_div_ps(one, z);
         let column = _mm256_add_ps(_mm256_mul_ps(u, inverse_z), half);
         let line = _mm256_add_ps(_mm256_mul_ps(v, inverse_z), half);
-        let inside_columns = _mm256_and_ps(
-            _mm256_cmp_ps::<_CMP_GE_OQ>(column, zero),
-            _mm256_cmp_ps::<_CMP_LT_OQ>(column, width),
-        );
-        let inside_lines = _mm256_and_ps(
-            _mm256_cmp_ps::<_CMP_GE_OQ>(line, zero),
-            _mm256_cmp_ps::<_CMP_LT_OQ>(line, height),
-        );
-        let in_front = _mm256_cmp_ps::<_CMP_GE_OQ>(z, z_near);
-        let inside = _mm256_and_ps(in_front, _mm256_and_ps(inside_columns, inside_lines));
         let pixel = _mm256_add_epi32(
             _mm256_mullo_epi32(_mm256_cvttps_epi32(line), columns),
             _mm256_cvttps_epi32(column),
         );
-        // SAFETY: only lanes of `inside` are read; there 0 <= column < width and 0 <= line < height in
-        // numbers that f32 holds exactly, so the index is below width * height = depth.len(), which fits
-        // i32. `super::integrate_block` asserts all three.
-        let depth =
-            unsafe { _mm256_mask_i32gather_ps::<4>(zero, image.depth.as_ptr(), pixel, inside) };
+        // Lanes outside read some pixel and then hold depth 0.
+        let pixel = _mm256_min_epu32(pixel, last_pixel);
+        // SAFETY: an unsigned minimum with the last index, which fits i32 (`super::integrate_block` asserts it)
+        // and exists (tested above).
+        let mut depth = unsafe { load_pixels(image.depth, pixel) };
+        if !INSIDE {
+            let inside_columns = _mm256_and_ps(
+                _mm256_cmp_ps::<_CMP_GE_OQ>(column, zero),
+                _mm256_cmp_ps::<_CMP_LT_OQ>(column, width),
+            );
+            let inside_lines = _mm256_and_ps(
+                _mm256_cmp_ps::<_CMP_GE_OQ>(line, zero),
+                _mm256_cmp_ps::<_CMP_LT_OQ>(line, height),
+            );
+            let in_front = _mm256_cmp_ps::<_CMP_GE_OQ>(z, z_near);
+            let inside = _mm256_and_ps(in_front, _mm256_and_ps(inside_columns, inside_lines));
+            depth = _mm256_and_ps(depth, inside);
+        }
         let distance = _mm256_sub_ps(depth, z);
-        // Lanes outside were filled with depth 0.
         let measured = _mm256_cmp_ps::<_CMP_GT_OQ>(depth, zero);
         let reached = _mm256_cmp_ps::<_CMP_GE_OQ>(distance, behind);
         let observed = _mm256_and_ps(measured, reached);
@@ -142,6 +161,8 @@ fn average_rows(
     let magnitude = _mm256_castsi256_ps(_mm256_set1_epi32(0x7fff_ffff));
     let cap = _mm256_set1_ps(rule.weight_cap);
     let conflict = _mm256_set1_ps(rule.conflict);
+    let weighted_conflict = _mm256_set1_ps(rule.conflict_at_one_metre * rule.weight_at_one_metre);
+    conflicts.set_rows(observations.rows);
     let mut left = observations.rows;
     while left != 0 {
         let row = left.trailing_zeros() as usize;
@@ -150,9 +171,16 @@ fn average_rows(
         let mut weight = load_row(&observations.weight, row);
         let stored = load_row(&block.tsdf, row);
         let stored_weight = load_row(&block.weight, row);
+        store_row(&mut conflicts.before.tsdf, row, stored);
+        store_row(&mut conflicts.before.weight, row, stored_weight);
         let change = _mm256_sub_ps(tsdf, stored);
+        let difference = _mm256_and_ps(change, magnitude);
+        let is_large = _mm256_and_ps(
+            _mm256_cmp_ps::<_CMP_GT_OQ>(difference, conflict),
+            _mm256_cmp_ps::<_CMP_GT_OQ>(_mm256_mul_ps(difference, weight), weighted_conflict),
+        );
         let disagrees = _mm256_and_ps(
-            _mm256_cmp_ps::<_CMP_GT_OQ>(_mm256_and_ps(change, magnitude), conflict),
+            is_large,
             _mm256_cmp_ps::<_CMP_GT_OQ>(stored_weight, _mm256_mul_ps(half, weight)),
         );
         let observed = _mm256_cmp_ps::<_CMP_GT_OQ>(weight, zero);
@@ -219,16 +247,23 @@ fn row_starts(view: &BlockView, start: &mut [[f32; ROWS]; 3]) -> (u64, u64) {
     (active, free)
 }
 
+/// Asks for one of the 64 cache lines of the block that comes next. All at once would fill the miss
+/// buffers and stall; one per row never does.
+#[inline]
 #[target_feature(enable = "avx2")]
-fn prefetch(block: &Block, rows: u64) {
-    // A cache line holds two rows.
-    let mut lines = (rows | rows >> 1) & 0x5555_5555_5555_5555;
-    while lines != 0 {
-        let voxel = lines.trailing_zeros() as usize * BLOCK_EDGE;
-        lines &= lines - 1;
-        _mm_prefetch::<_MM_HINT_T0>((&raw const block.tsdf[voxel]).cast());
-        _mm_prefetch::<_MM_HINT_T0>((&raw const block.weight[voxel]).cast());
-    }
+fn prefetch_line(ahead: &Block, line: usize) {
+    let voxel = line % (ROWS / 2) * CACHE_LINE_VOXELS;
+    let values = if line < ROWS / 2 {
+        &ahead.tsdf
+    } else {
+        &ahead.weight
+    };
+    _mm_prefetch::<_MM_HINT_T0>((&raw const values[voxel]).cast());
+}
+
+#[target_feature(enable = "avx2")]
+fn all_lanes() -> __m256 {
+    _mm256_castsi256_ps(_mm256_set1_epi32(-1))
 }
 
 #[target_feature(enable = "avx2")]
@@ -250,4 +285,19 @@ fn store_row<const N: usize>(values: &mut [f32; N], row: usize, lanes: __m256) {
     let values = &mut values[row * BLOCK_EDGE..(row + 1) * BLOCK_EDGE];
     // SAFETY: the slice is 8 f32 long.
     unsafe { _mm256_storeu_ps(values.as_mut_ptr(), lanes) }
+}
+
+/// The depths of eight pixels. Eight scalar loads take less time than the gather instruction on Zen 3.
+///
+/// # Safety
+/// Every lane of `pixel` must be an index of `depth`.
+#[inline]
+#[target_feature(enable = "avx2")]
+unsafe fn load_pixels(depth: &[f32], pixel: __m256i) -> __m256 {
+    let mut index = [0u32; 8];
+    // SAFETY: the array is 8 u32 long.
+    unsafe { _mm256_storeu_si256(index.as_mut_ptr().cast(), pixel) };
+    // SAFETY: the caller's.
+    let at = |lane: usize| unsafe { *depth.get_unchecked(index[lane] as usize) };
+    _mm256_setr_ps(at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7))
 }

@@ -1,8 +1,13 @@
 //! Fuses one depth image into one block of 8³ voxels.
 //!
-//! Arithmetic bound: about 60 operations and one 8-lane gather per row of 8 voxels, against 128 bytes of
-//! voxel traffic. Rows wholly behind the block's farthest depth are skipped, rows wholly in free space
-//! skip projection and gather.
+//! Rows wholly behind the block's farthest depth are skipped; rows wholly in free space skip projection and
+//! pixel reads.
+//!
+//! Bound: a row of 8 voxels moves 128 bytes of voxels, 64 rows of it 8 KiB per block, which is 0.29 µs at
+//! 28 GB/s of one core (in-place update). Arithmetic decides: about 90 instructions, 8 pixel reads and 2
+//! divisions per row. `cargo bench -p fusion` on a Zen 3 core: 0.88 µs per block (14 ns per row, 3 times the
+//! memory bound), the same whether blocks come from the cache or from memory, because each call fetches the
+//! block of the next; 7 to 8 times as fast as the scalar twin.
 //!
 //! Both levels do the same IEEE operations in the same order without fused multiply-add, so they agree
 //! bit for bit. Fusing would round pixel coordinates differently, and a voxel on a pixel border would then
@@ -10,12 +15,14 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+mod conflicts;
 mod scalar;
 #[cfg(test)]
 mod tests;
 
+pub use self::conflicts::Conflicts;
 use super::Level;
-use crate::volume::key::{BLOCK_EDGE, BLOCK_VOXELS};
+use crate::volume::key::BLOCK_VOXELS;
 
 /// Nearest z at which a voxel counts as in front of the camera, metres (hard-cases A12).
 pub(crate) const Z_NEAR: f32 = 0.01;
@@ -42,7 +49,7 @@ impl Block {
 /// Most columns, and rows, of a depth image: exact in f32, and an index fits i32 together with
 /// [`MOST_PIXELS`].
 pub const LARGEST_SIDE: usize = 1 << 24;
-/// Most pixels of a depth image, so that a gather's signed 32-bit index reaches all of them.
+/// Most pixels of a depth image, so that a 32-bit lane holds each index.
 pub const MOST_PIXELS: usize = i32::MAX as usize;
 
 /// A depth image without distortion; 0 = no measurement.
@@ -71,6 +78,9 @@ pub struct BlockView {
     /// z below which every voxel sees free space: the nearest depth in its pixels less truncation;
     /// −∞ when a pixel lacks a measurement or lies outside the image.
     pub nearest: f32,
+    /// Whether every voxel lies beyond 1 cm and projects into the image: known once per block, tested no
+    /// more per voxel.
+    pub is_inside: bool,
 }
 
 /// What an observation is worth and how far it reaches.
@@ -82,37 +92,15 @@ pub struct UpdateRule {
     pub weight_at_one_metre: f32,
     /// Largest stored weight.
     pub weight_cap: f32,
-    /// Smallest difference, in truncations, of opposite signs that counts as a conflict (hard-cases D07).
+    /// Smallest difference, in truncations, of opposite signs that counts as a conflict (hard-cases D07);
+    /// infinity switches the two-sided rule off.
     pub conflict: f32,
+    /// The same at a depth of 1 m, where noise decides: it grows with z².
+    pub conflict_at_one_metre: f32,
 }
 
-/// Observations whose sign contradicts a stored value: held back until the whole block is read.
-pub struct Conflicts {
-    count: usize,
-    index: [u16; BLOCK_VOXELS],
-    tsdf: [f32; BLOCK_VOXELS],
-    weight: [f32; BLOCK_VOXELS],
-}
-
-impl Conflicts {
-    /// No conflicts.
-    pub const NONE: Self = Self {
-        count: 0,
-        index: [0; BLOCK_VOXELS],
-        tsdf: [0.0; BLOCK_VOXELS],
-        weight: [0.0; BLOCK_VOXELS],
-    };
-
-    #[inline]
-    fn push(&mut self, index: usize, tsdf: f32, weight: f32) {
-        self.index[self.count] = index as u16;
-        self.tsdf[self.count] = tsdf;
-        self.weight[self.count] = weight;
-        self.count += 1;
-    }
-}
-
-/// Fuses `image` into `block` as `view` and `rule` say; `conflicts` is scratch.
+/// Fuses `image` into `block` as `view` and `rule` say; `conflicts` is scratch, and `ahead` the block of the
+/// next call, which is fetched into the cache.
 ///
 /// The block must hold what earlier calls made of [`Block::EMPTY`]: finite values, weights from 0 to the cap.
 ///
@@ -122,6 +110,7 @@ impl Conflicts {
 pub fn integrate_block(
     level: Level,
     block: &mut Block,
+    ahead: Option<&Block>,
     image: DepthView<'_>,
     view: &BlockView,
     rule: &UpdateRule,
@@ -135,15 +124,13 @@ pub fn integrate_block(
         image.width * image.height,
         "one depth per pixel"
     );
-    conflicts.count = 0;
+    conflicts.clear();
     match level {
         #[cfg(target_arch = "x86_64")]
-        Level::Avx2 => avx2::integrate_rows(block, image, view, rule, conflicts),
+        Level::Avx2 => avx2::integrate_rows(block, ahead, image, view, rule, conflicts),
         _ => scalar::integrate_rows(block, image, view, rule, conflicts),
     }
-    if conflicts.count > 0 {
-        resolve_conflicts(block, view, rule, conflicts);
-    }
+    conflicts.resolve(block, view, rule);
 }
 
 /// Homogeneous pixel of voxel (0, y, z).
@@ -158,79 +145,4 @@ fn row_start(view: &BlockView, y: usize, z: usize) -> [f32; 3] {
 fn average(stored: f32, stored_weight: f32, tsdf: f32, weight: f32, cap: f32) -> (f32, f32) {
     let sum = stored_weight + weight;
     (stored + (tsdf - stored) * (weight / sum), sum.min(cap))
-}
-
-/// Cosine between the stored gradient and the direction to the camera below which the stored surface
-/// faces away from this camera. A margin keeps noisy grazing views on the ordinary average.
-const FACES_AWAY: f32 = -0.2;
-/// Share of the slope of a distance field that a gradient needs to count as one.
-const LEAST_SLOPE: f32 = 0.3;
-
-/// Decides held-back observations (hard-cases D07).
-///
-/// A stored value whose gradient points away from this camera belongs to the other side of a thin thing.
-/// There, "seen as free" is a fact and "behind a surface" a guess, so the positive one of the two stands.
-/// All decisions are taken before the first is applied: a gradient must not see half an update.
-fn resolve_conflicts(
-    block: &mut Block,
-    view: &BlockView,
-    rule: &UpdateRule,
-    conflicts: &Conflicts,
-) {
-    let mut faces_away = [false; BLOCK_VOXELS];
-    for (is_away, &index) in faces_away
-        .iter_mut()
-        .zip(&conflicts.index[..conflicts.count])
-    {
-        *is_away = stored_surface_faces_away(block, usize::from(index), view, rule);
-    }
-    for (entry, &is_away) in faces_away.iter().enumerate().take(conflicts.count) {
-        let index = usize::from(conflicts.index[entry]);
-        let (tsdf, weight) = (conflicts.tsdf[entry], conflicts.weight[entry]);
-        if !is_away {
-            let averaged = average(
-                block.tsdf[index],
-                block.weight[index],
-                tsdf,
-                weight,
-                rule.weight_cap,
-            );
-            (block.tsdf[index], block.weight[index]) = averaged;
-        } else if tsdf > 0.0 {
-            (block.tsdf[index], block.weight[index]) = (tsdf, weight.min(rule.weight_cap));
-        }
-    }
-}
-
-fn stored_surface_faces_away(
-    block: &Block,
-    index: usize,
-    view: &BlockView,
-    rule: &UpdateRule,
-) -> bool {
-    let mut along_view = 0.0;
-    let mut squared = 0.0;
-    for (axis, stride) in [1, BLOCK_EDGE, BLOCK_EDGE * BLOCK_EDGE]
-        .into_iter()
-        .enumerate()
-    {
-        let place = index / stride % BLOCK_EDGE;
-        let before = if place > 0 && block.weight[index - stride] > 0.0 {
-            index - stride
-        } else {
-            index
-        };
-        let after = if place + 1 < BLOCK_EDGE && block.weight[index + stride] > 0.0 {
-            index + stride
-        } else {
-            index
-        };
-        let voxels = ((after - before) / stride).max(1) as f32;
-        let slope = (block.tsdf[after] - block.tsdf[before]) / voxels;
-        along_view += slope * view.to_camera[axis];
-        squared += slope * slope;
-    }
-    // A true distance field changes by `rule.conflict` (one voxel in truncations) per voxel.
-    let length = squared.sqrt();
-    length > LEAST_SLOPE * rule.conflict && along_view < FACES_AWAY * length
 }

@@ -11,7 +11,10 @@ pub(super) fn integrate_rows(
     rule: &UpdateRule,
     conflicts: &mut Conflicts,
 ) {
+    conflicts.before.clone_from(block);
+    conflicts.set_rows(u64::MAX);
     let per_metre = 1.0 / rule.truncation;
+    let weighted_conflict = rule.conflict_at_one_metre * rule.weight_at_one_metre;
     for row in 0..BLOCK_EDGE * BLOCK_EDGE {
         let start = row_start(view, row % BLOCK_EDGE, row / BLOCK_EDGE);
         let end_z = start[2] + 7.0 * view.step[0][2];
@@ -52,8 +55,11 @@ pub(super) fn integrate_rows(
             }
             let index = row * BLOCK_EDGE + x;
             let (stored, stored_weight) = (block.tsdf[index], block.weight[index]);
+            let difference = (tsdf - stored).abs();
             let is_conflict = stored.is_sign_negative() != tsdf.is_sign_negative()
-                && (stored - tsdf).abs() > rule.conflict
+                && difference > rule.conflict
+                // weight = weight_at_one_metre / z²
+                && difference * weight > weighted_conflict
                 && stored_weight > 0.5 * weight;
             if is_conflict {
                 conflicts.push(index, tsdf, weight);

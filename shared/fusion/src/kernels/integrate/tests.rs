@@ -10,6 +10,7 @@ const RULE: UpdateRule = UpdateRule {
     weight_at_one_metre: 1.0,
     weight_cap: 8.0,
     conflict: 0.125,
+    conflict_at_one_metre: 0.1,
 };
 
 /// A block one metre ahead of a camera of focal length `width`, voxels of 5 mm, seen straight on.
@@ -28,6 +29,7 @@ fn straight_view(width: usize, height: usize) -> BlockView {
         to_camera: [0.0, 0.0, -1.0],
         farthest: f32::INFINITY,
         nearest: f32::NEG_INFINITY,
+        is_inside: false,
     }
 }
 
@@ -65,7 +67,16 @@ fn fuse(
     rule: &UpdateRule,
 ) {
     let mut conflicts = Conflicts::NONE;
-    integrate_block(level, block, image, view, rule, &mut conflicts);
+    let ahead = block.clone();
+    integrate_block(
+        level,
+        block,
+        Some(&ahead),
+        image,
+        view,
+        rule,
+        &mut conflicts,
+    );
 }
 
 /// Runs both levels on copies of `block` and demands equal bits. Returns the number of voxels changed.
@@ -146,6 +157,7 @@ fn twins_agree_in_every_position_and_attitude() {
             step[2] = rng.random_range(-0.005..0.005);
         }
         view.to_camera = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
+        view.is_inside = round % 2 == 0;
         if round % 3 == 0 {
             view.farthest = rng.random_range(0.95..1.05);
         }

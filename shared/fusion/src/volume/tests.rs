@@ -1,0 +1,40 @@
+//! Volumes with given values, for the tests of the mesher.
+
+use super::*;
+
+impl Volume {
+    /// A volume whose voxels from −`reach` to `reach` hold `field` (distance in truncations, weight).
+    pub(crate) fn from_field(
+        config: VolumeConfig,
+        reach: i32,
+        mut field: impl FnMut([i32; 3]) -> (f32, f32),
+    ) -> Self {
+        let mut volume = Self::new(config).expect("a usable config");
+        for z in -reach..=reach {
+            for y in -reach..=reach {
+                for x in -reach..=reach {
+                    let (block, index) = split_voxel([x, y, z]);
+                    let key = pack(block).expect("in range");
+                    if volume.table.get(key).is_none() {
+                        volume.push_block(key);
+                    }
+                    let slot = volume.table.get(key).expect("just made") as usize;
+                    let block = &mut volume.slabs[slot / SLAB_BLOCKS][slot % SLAB_BLOCKS];
+                    (block.tsdf[index], block.weight[index]) = field([x, y, z]);
+                }
+            }
+        }
+        volume
+    }
+}
+
+#[test]
+fn a_written_field_reads_back() {
+    let field = |[x, y, z]: [i32; 3]| ((x + 10 * y + 100 * z) as f32 / 2000.0, 1.0);
+    let volume = Volume::from_field(VolumeConfig::default(), 9, field);
+    for voxel in [[-9, -9, -9], [0, 0, 0], [-1, 8, -8], [9, -9, 7]] {
+        let (tsdf, weight) = field(voxel);
+        assert_eq!(volume.voxel(voxel), Some(Voxel { tsdf, weight }));
+    }
+    assert_eq!(volume.voxel([40, 0, 0]), None);
+}
