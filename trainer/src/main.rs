@@ -1,2 +1,7 @@
-//! glint
-fn main() {}
+//! The `glint` program: see `glint --help`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    glint::cli::run()
+}

@@ -1,7 +1,7 @@
 //! What a texel is worth: confidence from the normal equations and from the held-out residual.
 
 use crate::joint::Solution;
-use crate::problem::Problem;
+use crate::problem::{Problem, Rgb};
 use crate::rows::LUMINANCE;
 
 /// Standard deviation of a texel, in white levels, at which the confidence is one half.
@@ -31,7 +31,8 @@ impl TexelFlags {
 /// Confidence of every texel, row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Confidence {
-    /// c = I/(I + (noise/0.1)²), 0 to 1; 0.5 and more counts as claimed.
+    /// c = I/(I + (noise/0.1)²) with I the information of rows and smoothness, 0 to 1; 0.5 and more counts
+    /// as claimed.
     pub confidence: Vec<f32>,
     /// Standard deviation a channel, linear radiance; infinite where no row reaches.
     pub sigma: Vec<[f32; 3]>,
@@ -60,16 +61,39 @@ impl Confidence {
 }
 
 impl Problem {
-    /// The confidence of a solution, with the robust residual of rows that it never saw.
+    /// Information of every texel from the normal equations of S, unit noise: what its own rows say, and
+    /// what those of its four neighbours say through the smoothness that ties them,
+    /// Iₜ + Σ λIₙ/(λ + Iₙ). That is the exact inverse variance where only these five texels are tied, and
+    /// too small, never too large, where more are.
+    fn texel_information(&self, solution: &Solution, smoothness: f64) -> Vec<Rgb> {
+        let own = &self.information(&solution.weights)[self.vertex_count()..];
+        let mut information = own.to_vec();
+        for texel in 0..own.len() {
+            for (other, weight) in self.edges(texel, &solution.weights.edges).into_iter().flatten() {
+                let tie = smoothness * weight;
+                for (to, from) in [(texel, other), (other, texel)] {
+                    for c in 0..3 {
+                        if own[from][c] > 0.0 {
+                            information[to][c] += tie * own[from][c] / (tie + own[from][c]);
+                        }
+                    }
+                }
+            }
+        }
+        information
+    }
+
+    /// The confidence of a solution that was smoothed with `smoothness`, given the robust residual of rows
+    /// that it never saw.
     pub fn confidence(
         &self,
         solution: &Solution,
+        smoothness: f64,
         held_out_sigma: f64,
         offset_observed: bool,
     ) -> Confidence {
-        let n = self.vertex_count();
         let noise = held_out_sigma.max(SMALLEST_NOISE);
-        let information = self.information(&solution.weights);
+        let information = self.texel_information(solution, smoothness);
         let ratio = (noise / SIGMA_AT_HALF).powi(2);
         let texel_count = self.panorama().texel_count();
         let mut reached = vec![0.0_f64; texel_count];
@@ -97,7 +121,7 @@ impl Problem {
             noise,
         };
         for texel in 0..texel_count {
-            let info = information[n + texel];
+            let info = information[texel];
             // A met lower bound has no weight in its channel and yet says something: the channels are
             // judged together by luminance, and the flag tells.
             let luminance_info: f64 = info.iter().zip(LUMINANCE).map(|(i, l)| i * l).sum();

@@ -56,6 +56,9 @@ pub const DEFAULT_DIFFUSE_WEIGHT: f64 = 0.5;
 /// D's pull when it explains the rows alone: enough to define vertices that no row sees.
 const ALONE_WEIGHT: f64 = 1e-3;
 
+/// Rounds of a refit of D: it starts from a solution and one texel's error no longer moves another.
+const REFIT_ROUNDS: usize = 2;
+
 impl Default for JointSettings {
     fn default() -> Self {
         Self {
@@ -160,7 +163,32 @@ impl Problem {
                 *value = [0.0; 3];
             }
         }
-        let regularisation = settings.regularisation();
+        self.iterate(settings, settings.regularisation(), unknowns, &held, &prior)
+    }
+
+    /// D once more with S as it is and D's prior next to nothing. The prior that decides the split darkens
+    /// D on purpose; what is left of the rows once S is known belongs to D.
+    pub fn refit_diffuse(&self, solution: &Solution, settings: &JointSettings) -> Solution {
+        let n = self.vertex_count();
+        let mut held = vec![false; n];
+        held.resize(self.unknown_count(), true);
+        let regularisation =
+            Regularisation { diffuse_to_prior: ALONE_WEIGHT, ..settings.regularisation() };
+        let settings = JointSettings { rounds: REFIT_ROUNDS, ..settings.clone() };
+        let prior = vec![[0.0; 3]; n];
+        self.iterate(&settings, regularisation, solution.unknowns.clone(), &held, &prior)
+    }
+
+    /// Rounds of reweighting around the bounded solve. Unknowns that are `held` keep their value.
+    fn iterate(
+        &self,
+        settings: &JointSettings,
+        regularisation: Regularisation,
+        mut unknowns: Vec<Rgb>,
+        held: &[bool],
+        diffuse_prior: &[Rgb],
+    ) -> Solution {
+        let n = self.vertex_count();
         let mut report = SolveReport::default();
         let mut weights = self.first_weights();
         for round in 0..settings.rounds.max(1) {
@@ -168,7 +196,7 @@ impl Problem {
                 weights = self.reweighted(&unknowns, settings.residual_scale, settings.edge_scale);
             }
             let mut right_side = self.right_side(&weights);
-            for (target, aim) in right_side[..n].iter_mut().zip(&prior) {
+            for (target, aim) in right_side[..n].iter_mut().zip(diffuse_prior) {
                 for c in 0..3 {
                     target[c] += regularisation.diffuse_to_prior * aim[c];
                 }
@@ -178,9 +206,10 @@ impl Problem {
                 weights: &weights,
                 regularisation,
                 right_side,
-                held: &held,
+                held,
             };
-            report = quadratic.minimise(&mut unknowns, &settings.solver);
+            let is_last = round + 1 == settings.rounds.max(1);
+            report = quadratic.minimise(&mut unknowns, &settings.solver.for_round(is_last));
         }
         let mut residuals: Vec<f64> =
             self.map_rows(|_, row| row_residual(row, self.predict(row, &unknowns)).abs());

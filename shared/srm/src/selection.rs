@@ -46,7 +46,7 @@ pub struct HeldOut {
     pub sigma: f64,
     /// Judged rows.
     pub count: usize,
-    /// Error by frame, for the spread between frames.
+    /// Mean error of every frame, for the spread between frames.
     pub by_frame: BTreeMap<u32, f64>,
 }
 
@@ -143,7 +143,7 @@ pub struct SegmentVerdict {
 pub const LEAST_GAIN: f64 = 0.1;
 
 /// … and in at least this share of the held-out frames, so that one lucky frame does not decide …
-pub const LEAST_FRAME_SHARE: f64 = 0.7;
+pub const LEAST_FRAME_SHARE: f64 = 0.6;
 
 /// … and by more than this, linear radiance: less than a third of an 8-bit step is no evidence.
 pub const LEAST_ERROR_DROP: f64 = 1e-4;
@@ -177,6 +177,10 @@ pub fn judge_segments(
         .collect()
 }
 
+/// Held-out errors that differ by less than this share are alike: the one reflectance and the one lobe
+/// that the model assumes cost more than that.
+pub const AS_GOOD: f64 = 0.05;
+
 /// Result of the choices.
 #[derive(Clone, Debug)]
 pub struct Choice {
@@ -192,7 +196,9 @@ pub struct Choice {
 
 /// Solves the fit rows for each weight, judges on the held-out frames, and decides weight and segments.
 ///
-/// `weights` must not be empty; ties go to the larger weight (a darker D, the stated gauge).
+/// `weights` must not be empty and are tried in order, each from the solution of the one before. Of those
+/// that are as good as the best within [`AS_GOOD`], the largest wins: the data do not see the offset, and a
+/// darker D is the stated gauge (hard-cases H02).
 pub fn choose(
     rows: &Rows,
     vertex_count: usize,
@@ -214,35 +220,39 @@ pub fn choose(
         ..settings.clone()
     });
     let alone = judged(&alone);
-    let mut trials = Vec::new();
-    let mut best: Option<(f64, f64, BTreeMap<u16, HeldOut>)> = None;
+    let mut trials: Vec<(WeightTrial, BTreeMap<u16, HeldOut>)> = Vec::new();
+    let mut start = vec![[0.0; 3]; problem.unknown_count()];
     for &weight in weights {
-        let diffuse = DiffuseTreatment::PulledToZero { weight };
-        let solution = problem.solve(&JointSettings {
-            diffuse,
+        let settings = JointSettings {
+            diffuse: DiffuseTreatment::PulledToZero { weight },
             ..settings.clone()
-        });
-        let joint = judged(&solution);
+        };
+        let solution = problem.solve_from(&settings, start);
+        // A weight is judged by its S: the darkening of D is its price for the split, not an error of S.
+        let joint = judged(&problem.refit_diffuse(&solution, &settings));
+        start = solution.unknowns;
         let (error, sigma) = pooled(&joint, |_| true);
-        trials.push(WeightTrial {
-            weight,
-            error,
-            sigma,
-        });
-        if best.as_ref().is_none_or(|(least, _, _)| error <= *least) {
-            best = Some((error, weight, joint));
-        }
+        trials.push((WeightTrial { weight, error, sigma }, joint));
     }
-    let (_, weight, joint) = best.ok_or(SrmError::NoRows)?;
-    let segments = judge_segments(&alone, &joint);
+    let best = trials
+        .iter()
+        .min_by(|a, b| a.0.error.total_cmp(&b.0.error))
+        .ok_or(SrmError::NoRows)?;
+    let (chosen, joint) = trials
+        .iter()
+        .filter(|(trial, _)| trial.error <= (1.0 + AS_GOOD) * best.0.error)
+        .max_by(|a, b| a.0.weight.total_cmp(&b.0.weight))
+        .unwrap_or(best);
+    let weight = chosen.weight;
+    let segments = judge_segments(&alone, joint);
     let specular = |segment: u16| {
         segments
             .iter()
             .any(|s| s.segment == segment && s.is_specular)
     };
-    let (_, held_out_sigma) = pooled(&joint, specular);
+    let (_, held_out_sigma) = pooled(joint, specular);
     Ok(Choice {
-        trials,
+        trials: trials.iter().map(|(trial, _)| *trial).collect(),
         weight,
         segments,
         held_out_sigma,

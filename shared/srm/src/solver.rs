@@ -20,6 +20,13 @@ pub struct SolverSettings {
     pub tolerance: f64,
 }
 
+impl SolverSettings {
+    /// What a round deserves: the next round's weights move the aim of all but the last.
+    pub(crate) fn for_round(self, is_last: bool) -> Self {
+        if is_last { self } else { Self { steps: self.steps.div_ceil(2), passes: 1, ..self } }
+    }
+}
+
 /// What a bounded solve did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SolveReport {

@@ -260,7 +260,7 @@ fn hc_h10_clipped_pixels_are_lower_bounds() {
         .fold(0.0, f64::max);
     report("H10", worst, 0.02);
     assert!(worst <= 0.02, "{worst}");
-    let confidence = solver.confidence(&solved, 0.01, true);
+    let confidence = solver.confidence(&solved, settings.smoothness, 0.01, true);
     assert!(
         confidence.flags[BOUND].has(TexelFlags::SATURATED)
             && !confidence.flags[5].has(TexelFlags::SATURATED)

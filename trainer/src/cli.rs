@@ -1,0 +1,366 @@
+//! The command line: one definition of every flag, and exit codes.
+//!
+//! 0 success · 2 the user's input cannot be used, with one sentence · 101 a bug.
+
+use std::io::IsTerminal as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context as _, bail};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use serde_json::json;
+
+use crate::clock::Stopwatch;
+use crate::eval::{self, Metrics};
+use crate::export::{ExportTarget, export};
+use crate::import::{ImportFormat, ImportOptions, import};
+use crate::progress::Progress;
+use crate::render::{ViewPath, render};
+use crate::report;
+use crate::run_folder::RunFolder;
+use crate::stages::linear::DiffuseOrder;
+use crate::stages::object::WorldBox;
+use crate::train::{CONFIDENCE_FILE, SRM_FILE, TrainConfig, train};
+
+/// Finds the room in the reflections of a shiny object filmed with an RGB-D camera.
+#[derive(Debug, Parser)]
+#[command(name = "glint", version, about, after_help = "Example:\n  glint train recordings/two-cans.glint -o run\n  glint report run")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    /// Print one JSON event a line on standard output; the last is the summary.
+    #[arg(long, global = true)]
+    json: bool,
+    /// Worker threads; the results do not depend on them. Default: all processors.
+    #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..=256))]
+    threads: Option<u16>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Make a recording from a folder of frames (7-Scenes, or a plain folder with a rig file).
+    Import(ImportArgs),
+    /// Rebuild shape and specular map from a recording's training frames.
+    Train(TrainArgs),
+    /// Measure a run against a known room and against held-out photographs.
+    Eval(EvalArgs),
+    /// Write one self-contained page about a run.
+    Report(ReportArgs),
+    /// Draw the object from a path of views.
+    Render(RenderArgs),
+    /// Write a trajectory, mesh or map for other programs.
+    Export(ExportArgs),
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  glint import captures/kitchen --rig recordings/redkitchen-rig.toml --range 122..222 -o kitchen.glint")]
+struct ImportArgs {
+    /// Folder with the frames.
+    input: PathBuf,
+    /// Recording to write.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Layout of the folder; recognised when absent.
+    #[arg(long, value_enum)]
+    format: Option<ImportFormat>,
+    /// Rig file (TOML); `rig.toml` in the folder when absent.
+    #[arg(long)]
+    rig: Option<PathBuf>,
+    /// Split file (JSON: train, unused, test); `split.json` in the folder when absent, else all train.
+    #[arg(long)]
+    split: Option<PathBuf>,
+    /// Frames A..B (B excluded).
+    #[arg(long, value_parser = parse_range)]
+    range: Option<std::ops::Range<usize>>,
+    /// Replace the recording if it exists.
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// A point on the line from fast to accurate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Profile {
+    /// Minutes, no networks.
+    Draft,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  glint train recordings/two-cans.glint -o run --profile draft")]
+struct TrainArgs {
+    /// The recording.
+    recording: PathBuf,
+    /// Run folder to make.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Profile.
+    #[arg(long, value_enum, default_value = "draft")]
+    profile: Profile,
+    /// Pose set of the recording.
+    #[arg(long, default_value = "source")]
+    poses: String,
+    /// Box that holds the object: x0,y0,z0,x1,y1,z1 in world metres.
+    #[arg(long = "box", value_parser = parse_box, allow_hyphen_values = true)]
+    object_box: Option<WorldBox>,
+    /// Voxel edge of the mesh, millimetres.
+    #[arg(long, default_value_t = 2.0, value_parser = parse_voxel)]
+    voxel_mm: f64,
+    /// Use every Nth pixel in x and y.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=16))]
+    pixel_stride: u32,
+    /// What is done with the diffuse texture.
+    #[arg(long, value_enum, default_value = "joint")]
+    diffuse: DiffuseOrder,
+    /// Seed.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Replace a run that is in the folder.
+    #[arg(long)]
+    overwrite: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  glint eval run --truth captures/two-cans/truth --truth-alpha 0.02")]
+struct EvalArgs {
+    /// The run folder.
+    run: PathBuf,
+    /// Folder with environment.exr and reach.exr; `masks` beside it or in it gives the object's masks.
+    #[arg(long)]
+    truth: Option<PathBuf>,
+    /// GGX width of the lobe that dominates the map.
+    #[arg(long, default_value_t = 0.02)]
+    truth_alpha: f64,
+    /// Fix the scale between map and truth instead of fitting it.
+    #[arg(long)]
+    truth_scale: Option<f64>,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  glint report run -o report.html")]
+struct ReportArgs {
+    /// The run folder.
+    run: PathBuf,
+    /// The page; `report.html` in the run folder when absent.
+    #[arg(short, long)]
+    output: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  glint render run --path recorded -o views")]
+struct RenderArgs {
+    /// The run folder.
+    run: PathBuf,
+    /// `recorded`, or a TUM file of poses (world from colour camera).
+    #[arg(long)]
+    path: ViewPath,
+    /// Folder for the pictures.
+    #[arg(short, long)]
+    output: PathBuf,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  glint export recordings/two-cans.glint --to tum-trajectory -o poses.txt")]
+struct ExportArgs {
+    /// A recording (trajectory) or a run folder (mesh, map).
+    input: PathBuf,
+    /// What to write.
+    #[arg(long, value_enum)]
+    to: ExportTarget,
+    /// File to write.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Pose set for a trajectory.
+    #[arg(long, default_value = "source")]
+    poses: String,
+}
+
+fn parse_range(text: &str) -> Result<std::ops::Range<usize>, String> {
+    let wrong = || format!("`{text}` is no range: write A..B with A below B");
+    let (start, end) = text.split_once("..").ok_or_else(wrong)?;
+    let (start, end) = (start.parse().map_err(|_| wrong())?, end.parse().map_err(|_| wrong())?);
+    if start < end { Ok(start..end) } else { Err(wrong()) }
+}
+
+fn parse_voxel(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (0.5..=50.0).contains(&value) => Ok(value),
+        _ => Err(format!("`{text}` is no voxel size: give millimetres from 0.5 to 50")),
+    }
+}
+
+fn parse_box(text: &str) -> Result<WorldBox, String> {
+    let values: Vec<f64> = text
+        .split(',')
+        .map(|value| value.trim().parse::<f64>())
+        .collect::<Result<_, _>>()
+        .map_err(|_| format!("`{text}` is no box: write x0,y0,z0,x1,y1,z1 in metres"))?;
+    let [x0, y0, z0, x1, y1, z1] = values[..] else {
+        return Err(format!("a box has 6 numbers (x0,y0,z0,x1,y1,z1), here are {}", values.len()));
+    };
+    if !(x0 < x1 && y0 < y1 && z0 < z1) {
+        return Err(format!("`{text}` is an empty box: each first corner must be below the second"));
+    }
+    Ok(WorldBox { low: [x0, y0, z0], high: [x1, y1, z1] })
+}
+
+/// Parses the arguments, runs the command and gives the exit code.
+pub fn run() -> ExitCode {
+    let cli = Cli::parse();
+    let level = if cli.json { tracing::Level::WARN } else { tracing::Level::INFO };
+    tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .without_time()
+        .with_max_level(level)
+        .init();
+    match execute(&cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            if cli.json {
+                println!("{}", json!({"event": "error", "message": format!("{error:#}")}));
+            }
+            eprintln!("glint: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn execute(cli: &Cli) -> anyhow::Result<()> {
+    crate::interrupt::listen().context("cannot listen for signals")?;
+    let available = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = cli.threads.map_or(available, usize::from);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let progress = Progress::new();
+    let summary = pool.install(|| match &cli.command {
+        Command::Import(args) => run_import(args, &progress),
+        Command::Train(args) => run_train(args, threads, &progress),
+        Command::Eval(args) => run_eval(args, &progress),
+        Command::Report(args) => run_report(args),
+        Command::Render(args) => run_render(args, &progress),
+        Command::Export(args) => run_export(args),
+    });
+    progress.finish();
+    let Summary { text, json: value } = summary?;
+    if cli.json {
+        let mut event = json!({"event": "summary"});
+        if let (Some(event), Some(value)) = (event.as_object_mut(), value.as_object()) {
+            event.extend(value.clone());
+        }
+        println!("{event}");
+    } else {
+        println!("{text}");
+    }
+    Ok(())
+}
+
+struct Summary {
+    text: String,
+    json: serde_json::Value,
+}
+
+fn run_import(args: &ImportArgs, progress: &Progress) -> anyhow::Result<Summary> {
+    if args.output.exists() && !args.overwrite {
+        bail!("{} exists: give another name with -o, or --overwrite to replace it", args.output.display());
+    }
+    let options = ImportOptions {
+        input: args.input.clone(),
+        output: args.output.clone(),
+        format: args.format,
+        rig: args.rig.clone(),
+        split: args.split.clone(),
+        range: args.range.clone(),
+    };
+    progress.stage("import");
+    let report = import(&options, &mut |done, of| progress.step(done, of))?;
+    Ok(Summary { text: report.to_string(), json: serde_json::to_value(&report)? })
+}
+
+fn run_train(args: &TrainArgs, threads: usize, progress: &Progress) -> anyhow::Result<Summary> {
+    let Profile::Draft = args.profile;
+    let config = TrainConfig {
+        recording: args.recording.clone(),
+        profile: "draft".to_owned(),
+        poses: args.poses.clone(),
+        voxel_mm: args.voxel_mm,
+        pixel_stride: args.pixel_stride,
+        diffuse: args.diffuse,
+        object_box: args.object_box,
+        seed: args.seed,
+        threads,
+    };
+    // The recording is looked at before the folder is touched.
+    sequence::Recording::open(&config.recording)?;
+    let folder = RunFolder::create(&args.output, args.overwrite)?;
+    let summary = train(&config, &folder, progress)?;
+    let text = format!(
+        "{}\n{} frames, {} triangles, {} rows; {:.1} % of the panorama claimed; {:.1} s wall, {:.1} core-seconds\n{}",
+        summary.sentence,
+        summary.frames,
+        summary.triangles,
+        summary.rows,
+        100.0 * summary.claimed_fraction,
+        summary.cost.wall_s,
+        summary.cost.core_s,
+        args.output.display(),
+    );
+    Ok(Summary { text, json: serde_json::to_value(&summary)? })
+}
+
+fn run_eval(args: &EvalArgs, progress: &Progress) -> anyhow::Result<Summary> {
+    if !(args.truth_alpha > 0.0 && args.truth_alpha <= 1.0) {
+        bail!("--truth-alpha {} is no GGX width: give a value above 0 and up to 1", args.truth_alpha);
+    }
+    let watch = Stopwatch::start();
+    let folder = RunFolder::open(&args.run)?;
+    let config: TrainConfig = toml::from_str(&std::fs::read_to_string(folder.path("config.toml"))?)?;
+    let mut metrics = Metrics::default();
+    if let Some(truth) = &args.truth {
+        metrics.environment = Some(eval::environment::evaluate(
+            &folder.path(SRM_FILE),
+            &folder.path(CONFIDENCE_FILE),
+            truth,
+            args.truth_alpha,
+            args.truth_scale,
+        )?);
+    }
+    let masks = args.truth.as_ref().and_then(|truth| {
+        [truth.join("masks"), truth.join("../masks")].into_iter().find(|folder| folder.is_dir())
+    });
+    let recording = sequence::Recording::open(&config.recording)?;
+    let model = eval::model::Model::load(&folder)?;
+    progress.stage("eval");
+    let judged = eval::composition::evaluate(
+        &recording,
+        &model,
+        &config.poses,
+        masks.as_deref(),
+        &|done, of| progress.step(done, of),
+    )?;
+    if let Some((composition, strips)) = judged {
+        report::write_strips(&folder, &strips)?;
+        metrics.composition = Some(composition);
+    }
+    metrics.cost = watch.cost();
+    folder.write_json("metrics.json", &metrics)?;
+    Ok(Summary { text: report::metrics_text(&metrics), json: report::metrics_summary(&metrics) })
+}
+
+fn run_report(args: &ReportArgs) -> anyhow::Result<Summary> {
+    let folder = RunFolder::open(&args.run)?;
+    let output = args.output.clone().unwrap_or_else(|| folder.path("report.html"));
+    let bytes = report::write(&folder, &output)?;
+    let text = format!("{} ({bytes} bytes)", output.display());
+    Ok(Summary { text, json: json!({"report": output, "bytes": bytes}) })
+}
+
+fn run_render(args: &RenderArgs, progress: &Progress) -> anyhow::Result<Summary> {
+    let folder = RunFolder::open(&args.run)?;
+    let count = render(&folder, &args.path, &args.output, progress)?;
+    let text = format!("{count} pictures in {}", args.output.display());
+    Ok(Summary { text, json: json!({"pictures": count, "output": args.output}) })
+}
+
+fn run_export(args: &ExportArgs) -> anyhow::Result<Summary> {
+    let text = export(&args.input, args.to, &args.output, &args.poses)?;
+    Ok(Summary { json: json!({"output": args.output, "wrote": text}), text })
+}

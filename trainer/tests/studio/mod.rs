@@ -1,0 +1,256 @@
+//! A small studio: spheres on a table, filmed along an orbit, written as a recording. Rendered here with
+//! closed forms for texture and normal, so that nothing of the estimators judges itself.
+
+use std::path::Path;
+
+use geometry::{DVec3, Intrinsics, PanoramaSize, Pose, direction};
+use glam::Vec3;
+use imaging::{Image, encode_png_gray16, encode_png_rgb8};
+use raytrace::{Hit, MirrorQuery, NO_TRIANGLE, Scene, visibility_buffer};
+use sequence::{
+    ColorCamera, ColorCodec, DepthCamera, PoseSet, RecordingWriter, ResponseCurve, Split, Streams,
+    VignettingCurve,
+};
+
+/// Frames of a recording.
+pub const FRAME_COUNT: u32 = 48;
+/// Reflectance of shiny spheres: what the trainer assumes, so that maps compare without a factor.
+pub const REFLECTANCE: f32 = 0.3;
+const GAMMA: f64 = 2.2;
+
+/// What the spheres are made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Finish {
+    /// Lambertian under constant light.
+    Matte,
+    /// The same texture, darker, under a mirror of reflectance 0.3.
+    Shiny,
+}
+
+struct Sphere {
+    center: Vec3,
+    radius: f32,
+}
+
+const SPHERES: [Sphere; 2] = [
+    Sphere { center: Vec3::new(-0.07, -0.065, 0.0), radius: 0.065 },
+    Sphere { center: Vec3::new(0.075, -0.055, 0.03), radius: 0.055 },
+];
+/// Half width of the table, metres.
+const TABLE: f32 = 0.4;
+/// Rings and sectors of a sphere's mesh: facets below a fifth of a millimetre deep.
+const RINGS: u32 = 96;
+
+/// The room: grey walls, two windows and a lamp, linear radiance.
+pub fn room(toward: DVec3) -> [f32; 3] {
+    let longitude = f64::atan2(toward.x, toward.z);
+    let height = -toward.y;
+    let mut radiance = [0.22, 0.2, 0.18];
+    if height > 0.1 && height < 0.6 && (longitude - 0.6).abs() < 0.35 {
+        radiance = [0.75, 0.85, 0.95];
+    } else if height > 0.2 && height < 0.7 && (longitude + 1.9).abs() < 0.25 {
+        radiance = [0.9, 0.75, 0.4];
+    } else if height > 0.85 {
+        radiance = [0.6, 0.6, 0.55];
+    } else if height < 0.0 {
+        radiance = [0.08, 0.07, 0.06];
+    }
+    radiance
+}
+
+/// The room as a panorama.
+pub fn room_panorama(size: PanoramaSize) -> Vec<[f32; 3]> {
+    (0..size.texel_count())
+        .map(|index| {
+            let (row, column) = (index as u32 / size.width(), index as u32 % size.width());
+            room(size.direction_from_texel(glam::DVec2::new(f64::from(column), f64::from(row))))
+        })
+        .collect()
+}
+
+struct Studio {
+    positions: Vec<Vec3>,
+    triangles: Vec<[u32; 3]>,
+    /// First triangle of every sphere; the table comes before.
+    first_triangle: Vec<u32>,
+    scene: Scene,
+    finish: Finish,
+}
+
+impl Studio {
+    fn new(finish: Finish) -> Self {
+        let corner = |x: f32, z: f32| Vec3::new(x * TABLE, 0.0, z * TABLE);
+        let mut positions = vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
+        let mut triangles = vec![[0, 1, 2], [0, 2, 3]];
+        let mut first_triangle = Vec::new();
+        for sphere in &SPHERES {
+            first_triangle.push(triangles.len() as u32);
+            push_sphere(sphere, &mut positions, &mut triangles);
+        }
+        let scene = Scene::new(&positions, &triangles).unwrap();
+        Self { positions, triangles, first_triangle, scene, finish }
+    }
+
+    fn position(&self, hit: &Hit) -> Vec3 {
+        let [a, b, c] = self.triangles[hit.triangle as usize].map(|v| self.positions[v as usize]);
+        a * (1.0 - hit.u - hit.v) + b * hit.u + c * hit.v
+    }
+
+    fn sphere_of(&self, triangle: u32) -> Option<&'static Sphere> {
+        let index = self.first_triangle.iter().rposition(|&first| triangle >= first)?;
+        Some(&SPHERES[index])
+    }
+
+    /// Radiance that leaves the surface at a hit towards everywhere.
+    fn diffuse(&self, hit: &Hit) -> [f32; 3] {
+        let position = self.position(hit);
+        let Some(sphere) = self.sphere_of(hit.triangle) else {
+            let odd = ((position.x * 25.0).floor() + (position.z * 25.0).floor()) as i64 % 2 != 0;
+            return if odd { [0.45, 0.4, 0.33] } else { [0.3, 0.32, 0.36] };
+        };
+        let normal = (position - sphere.center) / sphere.radius;
+        let cell = [normal.x, normal.y, normal.z].map(|v| (v * 5.0).floor() as i64);
+        let pick = (cell[0] * 7 + cell[1] * 13 + cell[2] * 29).rem_euclid(4);
+        let albedo = [[0.02, 0.02, 0.02], [0.5, 0.1, 0.08], [0.1, 0.25, 0.5], [0.45, 0.42, 0.1]][pick as usize];
+        match self.finish {
+            Finish::Matte => albedo.map(|a| a * 1.2),
+            Finish::Shiny => albedo.map(|a| a * 0.8),
+        }
+    }
+
+    fn radiance(&self, hit: &Hit, eye: Vec3) -> [f32; 3] {
+        let diffuse = self.diffuse(hit);
+        let (Some(sphere), Finish::Shiny) = (self.sphere_of(hit.triangle), self.finish) else {
+            return diffuse;
+        };
+        let position = self.position(hit);
+        let normal = (position - sphere.center).normalize();
+        let outgoing = (eye - position).normalize();
+        let reflection = MirrorQuery::for_exact().reflect(&self.scene, position, normal, normal, outgoing);
+        let seen = match &reflection.first_bounce {
+            Some(bounce) => self.diffuse(bounce),
+            None => room(reflection.direction.as_dvec3()),
+        };
+        [0, 1, 2].map(|c| diffuse[c] + REFLECTANCE * seen[c])
+    }
+}
+
+fn push_sphere(sphere: &Sphere, positions: &mut Vec<Vec3>, triangles: &mut Vec<[u32; 3]>) {
+    let first = positions.len() as u32;
+    let sectors = 2 * RINGS;
+    for ring in 0..=RINGS {
+        let polar = std::f32::consts::PI * ring as f32 / RINGS as f32;
+        for sector in 0..sectors {
+            let around = std::f32::consts::TAU * sector as f32 / sectors as f32;
+            let normal = Vec3::new(polar.sin() * around.cos(), -polar.cos(), polar.sin() * around.sin());
+            positions.push(sphere.center + sphere.radius * normal);
+        }
+    }
+    for ring in 0..RINGS {
+        for sector in 0..sectors {
+            let next = (sector + 1) % sectors;
+            let at = |r: u32, s: u32| first + r * sectors + s;
+            triangles.push([at(ring, sector), at(ring + 1, sector), at(ring + 1, next)]);
+            triangles.push([at(ring, sector), at(ring + 1, next), at(ring, next)]);
+        }
+    }
+}
+
+/// The cameras of the studio: depth and colour are one.
+pub fn streams() -> Streams {
+    let intrinsics = Intrinsics::pinhole(240, 180, 230.0, 230.0, 119.5, 89.5).unwrap();
+    Streams {
+        depth: DepthCamera::new(intrinsics, 0.001, 0.3..=3.0).unwrap(),
+        color: ColorCamera::new(
+            intrinsics,
+            ColorCodec::Png,
+            1.0,
+            ResponseCurve::Gamma { gamma: GAMMA },
+            VignettingCurve::None,
+        )
+        .unwrap(),
+        color_from_depth: Pose::IDENTITY,
+    }
+}
+
+/// The camera's path: an orbit that rises and falls.
+pub fn path() -> Vec<Pose> {
+    (0..FRAME_COUNT)
+        .map(|frame| {
+            let around = std::f64::consts::TAU * f64::from(frame) / f64::from(FRAME_COUNT);
+            let rise = 0.28 + 0.14 * (3.0 * around).sin();
+            let eye = DVec3::new(0.5 * around.sin(), -rise, -0.5 * around.cos());
+            let forward = (DVec3::new(0.0, -0.05, 0.01) - eye).normalize();
+            Pose::from_matrix(direction::look_along(forward, DVec3::Y).unwrap(), eye).unwrap()
+        })
+        .collect()
+}
+
+/// Pixels of one frame.
+pub struct Frame {
+    /// Time, nanoseconds.
+    pub time_nanos: i64,
+    /// Millimetres.
+    pub depth: Image<u16>,
+    /// Codes.
+    pub color: Image<[u8; 3]>,
+}
+
+/// Films the studio.
+pub fn film(finish: Finish) -> Vec<Frame> {
+    let studio = Studio::new(finish);
+    let camera = streams().color.intrinsics;
+    path()
+        .iter()
+        .enumerate()
+        .map(|(index, pose)| {
+            let buffer =
+                visibility_buffer(&studio.scene, &studio.positions, &studio.triangles, &camera, pose);
+            let eye = pose.translation().as_vec3();
+            let at = |x: u32, y: u32| (y * camera.width() + x) as usize;
+            let color = Image::from_fn(camera.width(), camera.height(), |x, y| {
+                let index = at(x, y);
+                if buffer.triangle[index] == NO_TRIANGLE {
+                    return [40; 3];
+                }
+                let hit = Hit {
+                    triangle: buffer.triangle[index],
+                    t: buffer.depth[index],
+                    u: buffer.u[index],
+                    v: buffer.v[index],
+                };
+                studio.radiance(&hit, eye).map(code)
+            });
+            let depth = Image::from_fn(camera.width(), camera.height(), |x, y| {
+                (buffer.depth[at(x, y)] * 1000.0).round() as u16
+            });
+            Frame { time_nanos: index as i64 * 100_000_000, depth, color }
+        })
+        .collect()
+}
+
+/// The code of a linear value.
+pub fn code(linear: f32) -> u8 {
+    (255.0 * f64::from(linear).clamp(0.0, 1.0).powf(1.0 / GAMMA)).round() as u8
+}
+
+/// Writes frames with poses as a recording whose last quarter is held out.
+pub fn write(path: &Path, frames: &[Frame], poses: &[Pose]) {
+    let mut writer = RecordingWriter::create(path, streams()).unwrap();
+    for frame in frames {
+        let depth = encode_png_gray16(&frame.depth).unwrap();
+        let color = encode_png_rgb8(&frame.color).unwrap();
+        writer.write_frame(frame.time_nanos, &depth, &color).unwrap();
+    }
+    let source = PoseSet {
+        name: "source".to_owned(),
+        world_from_depth: poses.iter().copied().map(Some).collect(),
+    };
+    let first_test = FRAME_COUNT * 3 / 4;
+    let split = Split {
+        train: (0..first_test).collect(),
+        unused: Vec::new(),
+        test: (first_test..FRAME_COUNT).collect(),
+    };
+    writer.finish(&[source], &split).unwrap();
+}

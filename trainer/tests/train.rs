@@ -1,0 +1,229 @@
+//! Training a small studio recording: what must be found, what must not matter, what must be refused.
+
+mod studio;
+
+use std::path::{Path, PathBuf};
+
+use geometry::{DVec3, Pose};
+use glint::progress::Progress;
+use glint::run_folder::RunFolder;
+use glint::stages::linear::DiffuseOrder;
+use glint::train::{CONFIDENCE_FILE, MESH_FILE, SRM_FILE, TrainConfig, TrainSummary, train};
+use imaging::{Image, LinearImage, read_confidence_exr, read_rgb_exr};
+use studio::{Finish, Frame};
+
+/// Runs below one folder that goes when the test ends.
+struct Desk {
+    folder: tempfile::TempDir,
+}
+
+struct Run {
+    path: PathBuf,
+    summary: TrainSummary,
+}
+
+impl Desk {
+    fn new() -> Self {
+        Self { folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn record(&self, name: &str, frames: &[Frame], poses: &[Pose]) -> PathBuf {
+        let path = self.path(name);
+        studio::write(&path, frames, poses);
+        path
+    }
+
+    fn train(&self, recording: &Path, name: &str, threads: usize) -> anyhow::Result<Run> {
+        let config = TrainConfig {
+            recording: recording.to_path_buf(),
+            profile: "draft".to_owned(),
+            poses: "source".to_owned(),
+            voxel_mm: 4.0,
+            pixel_stride: 1,
+            diffuse: DiffuseOrder::Joint,
+            object_box: None,
+            seed: 1,
+            threads,
+        };
+        let path = self.path(name);
+        let folder = RunFolder::create(&path, false)?;
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+        let summary = pool.install(|| train(&config, &folder, &Progress::silent()))?;
+        Ok(Run { path, summary })
+    }
+}
+
+impl Run {
+    fn map(&self) -> LinearImage {
+        read_rgb_exr(&self.path.join(SRM_FILE)).unwrap().0
+    }
+
+    fn confidence(&self) -> Image<f32> {
+        read_confidence_exr(&self.path.join(CONFIDENCE_FILE)).unwrap().confidence
+    }
+
+    fn mean_confidence(&self) -> f64 {
+        let confidence = self.confidence();
+        let sum: f64 = confidence.pixels().iter().map(|&c| f64::from(c)).sum();
+        sum / confidence.pixels().len() as f64
+    }
+}
+
+/// Pearson correlation of two maps over texels that both claim, all channels together.
+fn correlation(a: &LinearImage, b: &LinearImage, claimed: &[bool]) -> f64 {
+    let pairs: Vec<(f64, f64, f64)> = a
+        .pixels()
+        .iter()
+        .zip(b.pixels())
+        .zip(claimed)
+        .filter(|(_, claimed)| **claimed)
+        .flat_map(|((a, b), _)| [0, 1, 2].map(|c| (f64::from(a[c]), f64::from(b[c]), 1.0)))
+        .collect();
+    imaging::measures::weighted_pearson(&pairs).expect("maps that vary")
+}
+
+fn claimed(confidence: &Image<f32>) -> Vec<bool> {
+    confidence.pixels().iter().map(|&c| c >= 0.5).collect()
+}
+
+#[test]
+fn shiny_spheres_show_the_room() {
+    let desk = Desk::new();
+    let recording = desk.record("shiny.glint", &studio::film(Finish::Shiny), &studio::path());
+    let run = desk.train(&recording, "run", 2).unwrap();
+    assert!(run.summary.found_specular, "{}", run.summary.sentence);
+    let map = run.map();
+    let size = geometry::PanoramaSize::from_height(map.height()).unwrap();
+    let room = Image::from_vec(map.width(), map.height(), studio::room_panorama(size)).unwrap();
+    let claimed = claimed(&run.confidence());
+    let share = claimed.iter().filter(|c| **c).count() as f64 / claimed.len() as f64;
+    let score = correlation(&map, &room, &claimed);
+    println!("claimed {share:.3}, correlation {score:.3}");
+    assert!(share > 0.2, "{share}");
+    assert!(score > 0.85, "{score}");
+}
+
+#[test]
+fn matte_spheres_give_a_black_map_and_a_sentence() {
+    let desk = Desk::new();
+    let recording = desk.record("matte.glint", &studio::film(Finish::Matte), &studio::path());
+    let run = desk.train(&recording, "run", 2).unwrap();
+    assert!(!run.summary.found_specular);
+    assert!(run.summary.sentence.contains("nothing specular was found"), "{}", run.summary.sentence);
+    assert!(run.map().pixels().iter().all(|texel| *texel == [0.0; 3]));
+    assert!(run.confidence().pixels().iter().all(|c| *c == 0.0));
+}
+
+#[test]
+fn a_turned_world_turns_the_map_by_a_quarter_of_its_width() {
+    let desk = Desk::new();
+    let frames = studio::film(Finish::Shiny);
+    let straight = desk.record("straight.glint", &frames, &studio::path());
+    let straight = desk.train(&straight, "straight", 2).unwrap();
+    // About the downward axis: +z goes to +x, a quarter of the width to the right.
+    let turn = Pose::from_axis_angle(DVec3::Y, std::f64::consts::FRAC_PI_2);
+    assert!((turn.transform_vector(DVec3::Z) - DVec3::X).length() < 1e-12);
+    let poses: Vec<Pose> = studio::path().iter().map(|pose| turn * *pose).collect();
+    let turned = desk.record("turned.glint", &frames, &poses);
+    let turned = desk.train(&turned, "turned", 2).unwrap();
+    let (map, confidence) = (straight.map(), straight.confidence());
+    let quarter = map.width() / 4;
+    let from = |x: u32| (x + map.width() - quarter) % map.width();
+    let expected = Image::from_fn(map.width(), map.height(), |x, y| map.at(from(x), y));
+    let expected_confidence = Image::from_fn(map.width(), map.height(), |x, y| confidence.at(from(x), y));
+    let score = correlation(&turned.map(), &expected, &claimed(&expected_confidence));
+    println!("correlation after the turn {score:.4}");
+    assert!(score >= 0.98, "{score}");
+    assert!(correlation(&turned.map(), &map, &claimed(&confidence)) < 0.7, "the map did turn");
+}
+
+#[test]
+fn half_of_the_red_light_gives_half_of_the_red_map() {
+    let desk = Desk::new();
+    let frames = studio::film(Finish::Shiny);
+    let full = desk.record("full.glint", &frames, &studio::path());
+    let full = desk.train(&full, "full", 2).unwrap();
+    let halved: Vec<Frame> = frames
+        .iter()
+        .map(|frame| Frame {
+            time_nanos: frame.time_nanos,
+            depth: frame.depth.clone(),
+            color: frame.color.map(|[r, g, b]| {
+                let linear = (f64::from(r) / 255.0).powf(2.2);
+                [studio::code((0.5 * linear) as f32), g, b]
+            }),
+        })
+        .collect();
+    let half = desk.record("half.glint", &halved, &studio::path());
+    let half = desk.train(&half, "half", 2).unwrap();
+    let (a, b) = (full.map(), half.map());
+    let claimed = claimed(&full.confidence());
+    let ratio = |channel: usize| {
+        let (mut sum_a, mut sum_b) = (0.0, 0.0);
+        for ((a, b), _) in a.pixels().iter().zip(b.pixels()).zip(&claimed).filter(|(_, c)| **c) {
+            sum_a += f64::from(a[channel]);
+            sum_b += f64::from(b[channel]);
+        }
+        sum_b / sum_a
+    };
+    println!("ratios {:.3} {:.3} {:.3}", ratio(0), ratio(1), ratio(2));
+    assert!((ratio(0) / 0.5 - 1.0).abs() <= 0.05, "red: {}", ratio(0));
+    assert!((ratio(1) - 1.0).abs() <= 0.05 && (ratio(2) - 1.0).abs() <= 0.05, "green and blue stay");
+}
+
+#[test]
+fn shuffled_poses_are_refused_or_believed_little() {
+    let desk = Desk::new();
+    let frames = studio::film(Finish::Shiny);
+    let right = desk.record("right.glint", &frames, &studio::path());
+    let right = desk.train(&right, "right", 2).unwrap();
+    let path = studio::path();
+    // Every frame gets the pose of another one, far away.
+    let shuffled: Vec<Pose> = (0..path.len()).map(|i| path[(i * 19 + 7) % path.len()]).collect();
+    let wrong = desk.record("wrong.glint", &frames, &shuffled);
+    match desk.train(&wrong, "wrong", 2) {
+        Err(error) => {
+            let sentence = format!("{error:#}");
+            assert!(sentence.contains("poses do not fit"), "{sentence}");
+        }
+        Ok(run) => {
+            let (held, lost) = (right.mean_confidence(), run.mean_confidence());
+            assert!(lost <= 0.2 * held, "confidence {lost} against {held}");
+        }
+    }
+}
+
+#[test]
+fn the_bits_do_not_depend_on_the_number_of_threads() {
+    let desk = Desk::new();
+    let recording = desk.record("shiny.glint", &studio::film(Finish::Shiny), &studio::path());
+    let one = desk.train(&recording, "one", 1).unwrap();
+    let two = desk.train(&recording, "two", 2).unwrap();
+    for file in [MESH_FILE, SRM_FILE, CONFIDENCE_FILE] {
+        let bytes = |run: &Run| std::fs::read(run.path.join(file)).unwrap();
+        assert!(bytes(&one) == bytes(&two), "{file} differs between 1 and 2 threads");
+    }
+}
+
+#[test]
+fn frames_that_are_held_out_do_not_matter() {
+    let desk = Desk::new();
+    let mut frames = studio::film(Finish::Shiny);
+    let recording = desk.record("all.glint", &frames, &studio::path());
+    let all = desk.train(&recording, "all", 2).unwrap();
+    let first_test = studio::FRAME_COUNT as usize * 3 / 4;
+    for frame in &mut frames[first_test..] {
+        frame.color = frame.color.map(|[r, g, b]| [255 - r, g / 2, b]);
+        frame.depth = frame.depth.map(|code| code / 2);
+    }
+    let recording = desk.record("spoilt.glint", &frames, &studio::path());
+    let spoilt = desk.train(&recording, "spoilt", 2).unwrap();
+    for file in [MESH_FILE, SRM_FILE, CONFIDENCE_FILE] {
+        let bytes = |run: &Run| std::fs::read(run.path.join(file)).unwrap();
+        assert!(bytes(&all) == bytes(&spoilt), "{file} depends on a test frame");
+    }
+}
