@@ -186,7 +186,7 @@ pub const AS_GOOD: f64 = 0.05;
 pub struct Choice {
     /// Tried weights in order.
     pub trials: Vec<WeightTrial>,
-    /// The chosen weight.
+    /// The chosen weight, between trials.
     pub weight: f64,
     /// Verdict of every segment.
     pub segments: Vec<SegmentVerdict>,
@@ -196,9 +196,9 @@ pub struct Choice {
 
 /// Solves the fit rows for each weight, judges on the held-out frames, and decides weight and segments.
 ///
-/// `weights` must not be empty and are tried in order, each from the solution of the one before. Of those
-/// that are as good as the best within [`AS_GOOD`], the largest wins: the data do not see the offset, and a
-/// darker D is the stated gauge (hard-cases H02).
+/// `weights`, ascending and not empty, are tried in order, each from the solution of the one before. Of those
+/// that are as good as the best within [`AS_GOOD`], the largest wins, interpolated between trials: the data
+/// do not see the offset, and a darker D is the stated gauge (hard-cases H02).
 pub fn choose(
     rows: &Rows,
     vertex_count: usize,
@@ -238,12 +238,13 @@ pub fn choose(
         .iter()
         .min_by(|a, b| a.0.error.total_cmp(&b.0.error))
         .ok_or(SrmError::NoRows)?;
-    let (chosen, joint) = trials
-        .iter()
-        .filter(|(trial, _)| trial.error <= (1.0 + AS_GOOD) * best.0.error)
-        .max_by(|a, b| a.0.weight.total_cmp(&b.0.weight))
-        .unwrap_or(best);
-    let weight = chosen.weight;
+    let limit = (1.0 + AS_GOOD) * best.0.error;
+    let largest = trials.iter().rposition(|(trial, _)| trial.error <= limit).unwrap_or(0);
+    let (chosen, joint) = &trials[largest];
+    let weight = match trials.get(largest + 1) {
+        Some((beyond, _)) => weight_at(limit, chosen, beyond),
+        None => chosen.weight,
+    };
     let segments = judge_segments(&alone, joint);
     let specular = |segment: u16| {
         segments
@@ -259,6 +260,13 @@ pub fn choose(
     })
 }
 
+/// The weight between two trials at which the error reaches `limit`, on a logarithmic scale of weights:
+/// the choice then follows the data without jumps.
+fn weight_at(limit: f64, below: &WeightTrial, beyond: &WeightTrial) -> f64 {
+    let share = ((limit - below.error) / (beyond.error - below.error)).clamp(0.0, 1.0);
+    below.weight * (beyond.weight / below.weight).powf(share)
+}
+
 /// Error and σ over segments, weighted by their rows.
 fn pooled(by_segment: &BTreeMap<u16, HeldOut>, keep: impl Fn(u16) -> bool) -> (f64, f64) {
     let mut count = 0.0;
@@ -272,5 +280,19 @@ fn pooled(by_segment: &BTreeMap<u16, HeldOut>, keep: impl Fn(u16) -> bool) -> (f
         (error / count, sigma / count)
     } else {
         (f64::INFINITY, f64::INFINITY)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_chosen_weight_moves_without_jumps() {
+        let trial = |weight, error| WeightTrial { weight, error, sigma: 0.0 };
+        let (below, beyond) = (trial(0.1, 1.0), trial(0.4, 1.2));
+        assert!((weight_at(1.0, &below, &beyond) - 0.1).abs() < 1e-12);
+        assert!((weight_at(1.1, &below, &beyond) - 0.2).abs() < 1e-12);
+        assert!((weight_at(1.2, &below, &beyond) - 0.4).abs() < 1e-12);
     }
 }

@@ -13,14 +13,14 @@ use sequence::{
 };
 
 /// Frames of a recording.
-pub const FRAME_COUNT: u32 = 48;
+pub(crate) const FRAME_COUNT: u32 = 72;
 /// Reflectance of shiny spheres: what the trainer assumes, so that maps compare without a factor.
-pub const REFLECTANCE: f32 = 0.3;
+pub(crate) const REFLECTANCE: f32 = 0.3;
 const GAMMA: f64 = 2.2;
 
 /// What the spheres are made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Finish {
+pub(crate) enum Finish {
     /// Lambertian under constant light.
     Matte,
     /// The same texture, darker, under a mirror of reflectance 0.3.
@@ -42,7 +42,7 @@ const TABLE: f32 = 0.4;
 const RINGS: u32 = 96;
 
 /// The room: grey walls, two windows and a lamp, linear radiance.
-pub fn room(toward: DVec3) -> [f32; 3] {
+pub(crate) fn room(toward: DVec3) -> [f32; 3] {
     let longitude = f64::atan2(toward.x, toward.z);
     let height = -toward.y;
     let mut radiance = [0.22, 0.2, 0.18];
@@ -59,7 +59,7 @@ pub fn room(toward: DVec3) -> [f32; 3] {
 }
 
 /// The room as a panorama.
-pub fn room_panorama(size: PanoramaSize) -> Vec<[f32; 3]> {
+pub(crate) fn room_panorama(size: PanoramaSize) -> Vec<[f32; 3]> {
     (0..size.texel_count())
         .map(|index| {
             let (row, column) = (index as u32 / size.width(), index as u32 % size.width());
@@ -109,9 +109,12 @@ impl Studio {
             return if odd { [0.45, 0.4, 0.33] } else { [0.3, 0.32, 0.36] };
         };
         let normal = (position - sphere.center) / sphere.radius;
-        let cell = [normal.x, normal.y, normal.z].map(|v| (v * 5.0).floor() as i64);
-        let pick = (cell[0] * 7 + cell[1] * 13 + cell[2] * 29).rem_euclid(4);
-        let albedo = [[0.02, 0.02, 0.02], [0.5, 0.1, 0.08], [0.1, 0.25, 0.5], [0.45, 0.42, 0.1]][pick as usize];
+        // Soft blobs of ink on black: no edge is finer than a few voxels, and black is what fixes the offset.
+        let wave = |phase: f32| {
+            let [x, y, z] = normal.to_array();
+            ((7.0 * x + phase).sin() * (6.0 * y + 2.0 * phase).sin() + (8.0 * z - phase).sin() * 0.5).max(0.0)
+        };
+        let albedo = [wave(0.3), wave(1.7), wave(4.0)].map(|w| 0.02 + 0.4 * w);
         match self.finish {
             Finish::Matte => albedo.map(|a| a * 1.2),
             Finish::Shiny => albedo.map(|a| a * 0.8),
@@ -157,7 +160,7 @@ fn push_sphere(sphere: &Sphere, positions: &mut Vec<Vec3>, triangles: &mut Vec<[
 }
 
 /// The cameras of the studio: depth and colour are one.
-pub fn streams() -> Streams {
+pub(crate) fn streams() -> Streams {
     let intrinsics = Intrinsics::pinhole(240, 180, 230.0, 230.0, 119.5, 89.5).unwrap();
     Streams {
         depth: DepthCamera::new(intrinsics, 0.001, 0.3..=3.0).unwrap(),
@@ -174,7 +177,7 @@ pub fn streams() -> Streams {
 }
 
 /// The camera's path: an orbit that rises and falls.
-pub fn path() -> Vec<Pose> {
+pub(crate) fn path() -> Vec<Pose> {
     (0..FRAME_COUNT)
         .map(|frame| {
             let around = std::f64::consts::TAU * f64::from(frame) / f64::from(FRAME_COUNT);
@@ -187,17 +190,17 @@ pub fn path() -> Vec<Pose> {
 }
 
 /// Pixels of one frame.
-pub struct Frame {
+pub(crate) struct Frame {
     /// Time, nanoseconds.
-    pub time_nanos: i64,
+    pub(crate) time_nanos: i64,
     /// Millimetres.
-    pub depth: Image<u16>,
+    pub(crate) depth: Image<u16>,
     /// Codes.
-    pub color: Image<[u8; 3]>,
+    pub(crate) color: Image<[u8; 3]>,
 }
 
 /// Films the studio.
-pub fn film(finish: Finish) -> Vec<Frame> {
+pub(crate) fn film(finish: Finish) -> Vec<Frame> {
     let studio = Studio::new(finish);
     let camera = streams().color.intrinsics;
     path()
@@ -230,12 +233,12 @@ pub fn film(finish: Finish) -> Vec<Frame> {
 }
 
 /// The code of a linear value.
-pub fn code(linear: f32) -> u8 {
+pub(crate) fn code(linear: f32) -> u8 {
     (255.0 * f64::from(linear).clamp(0.0, 1.0).powf(1.0 / GAMMA)).round() as u8
 }
 
 /// Writes frames with poses as a recording whose last quarter is held out.
-pub fn write(path: &Path, frames: &[Frame], poses: &[Pose]) {
+pub(crate) fn write(path: &Path, frames: &[Frame], poses: &[Pose]) {
     let mut writer = RecordingWriter::create(path, streams()).unwrap();
     for frame in frames {
         let depth = encode_png_gray16(&frame.depth).unwrap();
