@@ -24,7 +24,12 @@ use crate::train::{CONFIDENCE_FILE, SRM_FILE, TrainConfig, train};
 
 /// Finds the room in the reflections of a shiny object filmed with an RGB-D camera.
 #[derive(Debug, Parser)]
-#[command(name = "glint", version, about, after_help = "Example:\n  glint train recordings/two-cans.glint -o run\n  glint report run")]
+#[command(
+    name = "glint",
+    version,
+    about,
+    after_help = "Example:\n  glint train recordings/two-cans.glint -o run\n  glint report run"
+)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -53,7 +58,9 @@ enum Command {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  glint import captures/kitchen --rig recordings/redkitchen-rig.toml --range 122..222 -o kitchen.glint")]
+#[command(
+    after_help = "Example:\n  glint import captures/kitchen --rig recordings/redkitchen-rig.toml --range 122..222 -o kitchen.glint"
+)]
 struct ImportArgs {
     /// Folder with the frames.
     input: PathBuf,
@@ -119,7 +126,9 @@ struct TrainArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  glint eval run --truth captures/two-cans/truth --truth-alpha 0.02")]
+#[command(
+    after_help = "Example:\n  glint eval run --truth captures/two-cans/truth --truth-alpha 0.02"
+)]
 struct EvalArgs {
     /// The run folder.
     run: PathBuf,
@@ -158,7 +167,9 @@ struct RenderArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  glint export recordings/two-cans.glint --to tum-trajectory -o poses.txt")]
+#[command(
+    after_help = "Example:\n  glint export recordings/two-cans.glint --to tum-trajectory -o poses.txt"
+)]
 struct ExportArgs {
     /// A recording (trajectory) or a run folder (mesh, map).
     input: PathBuf,
@@ -176,14 +187,23 @@ struct ExportArgs {
 fn parse_range(text: &str) -> Result<std::ops::Range<usize>, String> {
     let wrong = || format!("`{text}` is no range: write A..B with A below B");
     let (start, end) = text.split_once("..").ok_or_else(wrong)?;
-    let (start, end) = (start.parse().map_err(|_| wrong())?, end.parse().map_err(|_| wrong())?);
-    if start < end { Ok(start..end) } else { Err(wrong()) }
+    let (start, end) = (
+        start.parse().map_err(|_| wrong())?,
+        end.parse().map_err(|_| wrong())?,
+    );
+    if start < end {
+        Ok(start..end)
+    } else {
+        Err(wrong())
+    }
 }
 
 fn parse_voxel(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (0.5..=50.0).contains(&value) => Ok(value),
-        _ => Err(format!("`{text}` is no voxel size: give millimetres from 0.5 to 50")),
+        _ => Err(format!(
+            "`{text}` is no voxel size: give millimetres from 0.5 to 50"
+        )),
     }
 }
 
@@ -194,18 +214,30 @@ fn parse_box(text: &str) -> Result<WorldBox, String> {
         .collect::<Result<_, _>>()
         .map_err(|_| format!("`{text}` is no box: write x0,y0,z0,x1,y1,z1 in metres"))?;
     let [x0, y0, z0, x1, y1, z1] = values[..] else {
-        return Err(format!("a box has 6 numbers (x0,y0,z0,x1,y1,z1), here are {}", values.len()));
+        return Err(format!(
+            "a box has 6 numbers (x0,y0,z0,x1,y1,z1), here are {}",
+            values.len()
+        ));
     };
     if !(x0 < x1 && y0 < y1 && z0 < z1) {
-        return Err(format!("`{text}` is an empty box: each first corner must be below the second"));
+        return Err(format!(
+            "`{text}` is an empty box: each first corner must be below the second"
+        ));
     }
-    Ok(WorldBox { low: [x0, y0, z0], high: [x1, y1, z1] })
+    Ok(WorldBox {
+        low: [x0, y0, z0],
+        high: [x1, y1, z1],
+    })
 }
 
 /// Parses the arguments, runs the command and gives the exit code.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
-    let level = if cli.json { tracing::Level::WARN } else { tracing::Level::INFO };
+    let level = if cli.json {
+        tracing::Level::WARN
+    } else {
+        tracing::Level::INFO
+    };
     tracing_subscriber::fmt()
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
@@ -217,7 +249,10 @@ pub fn run() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             if cli.json {
-                println!("{}", json!({"event": "error", "message": format!("{error:#}")}));
+                println!(
+                    "{}",
+                    json!({"event": "error", "message": format!("{error:#}")})
+                );
             }
             eprintln!("glint: {error:#}");
             ExitCode::from(2)
@@ -229,7 +264,9 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
     crate::interrupt::listen().context("cannot listen for signals")?;
     let available = std::thread::available_parallelism().map_or(1, usize::from);
     let threads = cli.threads.map_or(available, usize::from);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()?;
     let progress = Progress::new();
     let summary = pool.install(|| match &cli.command {
         Command::Import(args) => run_import(args, &progress),
@@ -260,7 +297,10 @@ struct Summary {
 
 fn run_import(args: &ImportArgs, progress: &Progress) -> anyhow::Result<Summary> {
     if args.output.exists() && !args.overwrite {
-        bail!("{} exists: give another name with -o, or --overwrite to replace it", args.output.display());
+        bail!(
+            "{} exists: give another name with -o, or --overwrite to replace it",
+            args.output.display()
+        );
     }
     let options = ImportOptions {
         input: args.input.clone(),
@@ -272,7 +312,10 @@ fn run_import(args: &ImportArgs, progress: &Progress) -> anyhow::Result<Summary>
     };
     progress.stage("import");
     let report = import(&options, &mut |done, of| progress.step(done, of))?;
-    Ok(Summary { text: report.to_string(), json: serde_json::to_value(&report)? })
+    Ok(Summary {
+        text: report.to_string(),
+        json: serde_json::to_value(&report)?,
+    })
 }
 
 fn run_train(args: &TrainArgs, threads: usize, progress: &Progress) -> anyhow::Result<Summary> {
@@ -303,16 +346,23 @@ fn run_train(args: &TrainArgs, threads: usize, progress: &Progress) -> anyhow::R
         summary.cost.core_s,
         args.output.display(),
     );
-    Ok(Summary { text, json: serde_json::to_value(&summary)? })
+    Ok(Summary {
+        text,
+        json: serde_json::to_value(&summary)?,
+    })
 }
 
 fn run_eval(args: &EvalArgs, progress: &Progress) -> anyhow::Result<Summary> {
     if !(args.truth_alpha > 0.0 && args.truth_alpha <= 1.0) {
-        bail!("--truth-alpha {} is no GGX width: give a value above 0 and up to 1", args.truth_alpha);
+        bail!(
+            "--truth-alpha {} is no GGX width: give a value above 0 and up to 1",
+            args.truth_alpha
+        );
     }
     let watch = Stopwatch::start();
     let folder = RunFolder::open(&args.run)?;
-    let config: TrainConfig = toml::from_str(&std::fs::read_to_string(folder.path("config.toml"))?)?;
+    let config: TrainConfig =
+        toml::from_str(&std::fs::read_to_string(folder.path("config.toml"))?)?;
     let mut metrics = Metrics::default();
     if let Some(truth) = &args.truth {
         metrics.environment = Some(eval::environment::evaluate(
@@ -324,7 +374,9 @@ fn run_eval(args: &EvalArgs, progress: &Progress) -> anyhow::Result<Summary> {
         )?);
     }
     let masks = args.truth.as_ref().and_then(|truth| {
-        [truth.join("masks"), truth.join("../masks")].into_iter().find(|folder| folder.is_dir())
+        [truth.join("masks"), truth.join("../masks")]
+            .into_iter()
+            .find(|folder| folder.is_dir())
     });
     let recording = sequence::Recording::open(&config.recording)?;
     let model = eval::model::Model::load(&folder)?;
@@ -342,25 +394,40 @@ fn run_eval(args: &EvalArgs, progress: &Progress) -> anyhow::Result<Summary> {
     }
     metrics.cost = watch.cost();
     folder.write_json("metrics.json", &metrics)?;
-    Ok(Summary { text: report::metrics_text(&metrics), json: report::metrics_summary(&metrics) })
+    Ok(Summary {
+        text: report::metrics_text(&metrics),
+        json: report::metrics_summary(&metrics),
+    })
 }
 
 fn run_report(args: &ReportArgs) -> anyhow::Result<Summary> {
     let folder = RunFolder::open(&args.run)?;
-    let output = args.output.clone().unwrap_or_else(|| folder.path("report.html"));
+    let output = args
+        .output
+        .clone()
+        .unwrap_or_else(|| folder.path("report.html"));
     let bytes = report::write(&folder, &output)?;
     let text = format!("{} ({bytes} bytes)", output.display());
-    Ok(Summary { text, json: json!({"report": output, "bytes": bytes}) })
+    Ok(Summary {
+        text,
+        json: json!({"report": output, "bytes": bytes}),
+    })
 }
 
 fn run_render(args: &RenderArgs, progress: &Progress) -> anyhow::Result<Summary> {
     let folder = RunFolder::open(&args.run)?;
     let count = render(&folder, &args.path, &args.output, progress)?;
     let text = format!("{count} pictures in {}", args.output.display());
-    Ok(Summary { text, json: json!({"pictures": count, "output": args.output}) })
+    Ok(Summary {
+        text,
+        json: json!({"pictures": count, "output": args.output}),
+    })
 }
 
 fn run_export(args: &ExportArgs) -> anyhow::Result<Summary> {
     let text = export(&args.input, args.to, &args.output, &args.poses)?;
-    Ok(Summary { json: json!({"output": args.output, "wrote": text}), text })
+    Ok(Summary {
+        json: json!({"output": args.output, "wrote": text}),
+        text,
+    })
 }

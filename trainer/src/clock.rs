@@ -27,12 +27,18 @@ fn seconds(clock: ClockId) -> f64 {
 impl Stopwatch {
     /// Starts now.
     pub fn start() -> Self {
-        Self { wall: seconds(ClockId::Monotonic), core: seconds(ClockId::ProcessCPUTime) }
+        Self {
+            wall: seconds(ClockId::Monotonic),
+            core: seconds(ClockId::ProcessCPUTime),
+        }
     }
 
     /// Cost since the start.
     pub fn cost(&self) -> Cost {
         let now = Self::start();
-        Cost { wall_s: now.wall - self.wall, core_s: now.core - self.core }
+        Cost {
+            wall_s: now.wall - self.wall,
+            core_s: now.core - self.core,
+        }
     }
 }

@@ -22,7 +22,12 @@ pub enum ExportTarget {
 }
 
 /// Exports from a recording (a file) or a run (a folder); returns what was written, in words.
-pub fn export(input: &Path, target: ExportTarget, output: &Path, poses: &str) -> anyhow::Result<String> {
+pub fn export(
+    input: &Path,
+    target: ExportTarget,
+    output: &Path,
+    poses: &str,
+) -> anyhow::Result<String> {
     match (target, input.is_dir()) {
         (ExportTarget::TumTrajectory, false) => {
             let recording = Recording::open(input)?;
@@ -32,25 +37,45 @@ pub fn export(input: &Path, target: ExportTarget, output: &Path, poses: &str) ->
             let frames: Vec<PosedFrame> = set
                 .iter()
                 .enumerate()
-                .filter_map(|(index, pose)| Some(PosedFrame { index, world_from_camera: (*pose)? }))
+                .filter_map(|(index, pose)| {
+                    Some(PosedFrame {
+                        index,
+                        world_from_camera: (*pose)?,
+                    })
+                })
                 .collect();
             write_atomically(output, tum_text(&recording, &frames).as_bytes())?;
-            Ok(format!("{} poses (world from depth camera, metres) to {}", frames.len(), output.display()))
+            Ok(format!(
+                "{} poses (world from depth camera, metres) to {}",
+                frames.len(),
+                output.display()
+            ))
         }
         (ExportTarget::Ply, true) => copy(input, LINEAR_DIFFUSE_FILE, output),
         (ExportTarget::Exr, true) => copy(input, SRM_FILE, output),
         (ExportTarget::TumTrajectory, true) => {
-            bail!("a trajectory is exported from a recording: {} is a folder", input.display())
+            bail!(
+                "a trajectory is exported from a recording: {} is a folder",
+                input.display()
+            )
         }
         (ExportTarget::Ply | ExportTarget::Exr, false) => {
-            bail!("meshes and maps are exported from a run folder: {} is none", input.display())
+            bail!(
+                "meshes and maps are exported from a run folder: {} is none",
+                input.display()
+            )
         }
     }
 }
 
 fn copy(run: &Path, name: &str, output: &Path) -> anyhow::Result<String> {
     let folder = RunFolder::open(run)?;
-    let bytes = std::fs::read(folder.path(name)).with_context(|| format!("the run has no {name}"))?;
+    let bytes =
+        std::fs::read(folder.path(name)).with_context(|| format!("the run has no {name}"))?;
     write_atomically(output, &bytes)?;
-    Ok(format!("{} bytes of {name} to {}", bytes.len(), output.display()))
+    Ok(format!(
+        "{} bytes of {name} to {}",
+        bytes.len(),
+        output.display()
+    ))
 }

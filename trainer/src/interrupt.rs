@@ -8,7 +8,9 @@ static INTERRUPTED: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
 /// The user asked to stop.
 #[derive(Debug, thiserror::Error)]
-#[error("stopped by a signal: the outputs of finished stages are in the folder, the rest was not written")]
+#[error(
+    "stopped by a signal: the outputs of finished stages are in the folder, the rest was not written"
+)]
 pub struct Interrupted;
 
 /// Listens from now on. A second signal ends the program at once.
@@ -23,6 +25,8 @@ pub fn listen() -> std::io::Result<()> {
 
 /// Errors once a signal came.
 pub fn check() -> Result<(), Interrupted> {
-    let stopped = INTERRUPTED.get().is_some_and(|flag| flag.load(Ordering::Relaxed));
+    let stopped = INTERRUPTED
+        .get()
+        .is_some_and(|flag| flag.load(Ordering::Relaxed));
     if stopped { Err(Interrupted) } else { Ok(()) }
 }

@@ -27,8 +27,15 @@ pub struct PlyMesh {
 /// `linear_r linear_g linear_b` (f32, white level 1).
 pub fn to_bytes(mesh: &PlyMesh) -> Vec<u8> {
     let mut header = String::from("ply\nformat binary_little_endian 1.0\n");
-    let _ = writeln!(header, "comment metres; world axes x-right y-down z-forward");
-    let _ = writeln!(header, "comment origin {} {} {}", mesh.origin.x, mesh.origin.y, mesh.origin.z);
+    let _ = writeln!(
+        header,
+        "comment metres; world axes x-right y-down z-forward"
+    );
+    let _ = writeln!(
+        header,
+        "comment origin {} {} {}",
+        mesh.origin.x, mesh.origin.y, mesh.origin.z
+    );
     let _ = writeln!(header, "element vertex {}", mesh.positions.len());
     for name in ["x", "y", "z", "nx", "ny", "nz"] {
         let _ = writeln!(header, "property float {name}");
@@ -75,7 +82,8 @@ pub fn to_bytes(mesh: &PlyMesh) -> Vec<u8> {
 
 /// Reads a mesh that [`to_bytes`] wrote; other layouts are refused.
 pub fn from_file(path: &Path) -> anyhow::Result<PlyMesh> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read the mesh {}", path.display()))?;
+    let bytes =
+        std::fs::read(path).with_context(|| format!("cannot read the mesh {}", path.display()))?;
     from_bytes(&bytes).with_context(|| format!("{} is not a mesh of a run folder", path.display()))
 }
 
@@ -92,7 +100,9 @@ fn from_bytes(bytes: &[u8]) -> anyhow::Result<PlyMesh> {
     for line in header.lines() {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words.as_slice() {
-            ["comment", "origin", x, y, z] => mesh.origin = DVec3::new(x.parse()?, y.parse()?, z.parse()?),
+            ["comment", "origin", x, y, z] => {
+                mesh.origin = DVec3::new(x.parse()?, y.parse()?, z.parse()?)
+            }
             ["element", "vertex", count] => vertex_count = count.parse()?,
             ["element", "face", count] => face_count = count.parse()?,
             ["property", "list", ..] | ["comment", ..] | ["ply"] | ["format", ..] => {}
@@ -108,23 +118,36 @@ fn from_bytes(bytes: &[u8]) -> anyhow::Result<PlyMesh> {
     );
     let stride = 24 + 15 * usize::from(has_color) + 2 * usize::from(has_segment);
     let body = &bytes[header_end + END.len()..];
-    let vertex_bytes = vertex_count.checked_mul(stride).context("the vertex count is absurd")?;
-    let face_bytes = face_count.checked_mul(13).context("the face count is absurd")?;
-    ensure!(Some(body.len()) == vertex_bytes.checked_add(face_bytes), "it is cut short");
+    let vertex_bytes = vertex_count
+        .checked_mul(stride)
+        .context("the vertex count is absurd")?;
+    let face_bytes = face_count
+        .checked_mul(13)
+        .context("the face count is absurd")?;
+    ensure!(
+        Some(body.len()) == vertex_bytes.checked_add(face_bytes),
+        "it is cut short"
+    );
     let float = |at: &[u8]| f32::from_le_bytes([at[0], at[1], at[2], at[3]]);
     for vertex in body[..vertex_bytes].chunks_exact(stride) {
         let at = |index: usize| float(&vertex[index * 4..]);
         mesh.positions.push(Vec3::new(at(0), at(1), at(2)));
         mesh.normals.push(Vec3::new(at(3), at(4), at(5)));
         if has_color {
-            mesh.linear.push([float(&vertex[27..]), float(&vertex[31..]), float(&vertex[35..])]);
+            mesh.linear.push([
+                float(&vertex[27..]),
+                float(&vertex[31..]),
+                float(&vertex[35..]),
+            ]);
         }
         if has_segment {
-            mesh.segments.push(u16::from_le_bytes([vertex[stride - 2], vertex[stride - 1]]));
+            mesh.segments
+                .push(u16::from_le_bytes([vertex[stride - 2], vertex[stride - 1]]));
         }
     }
     for face in body[vertex_bytes..].chunks_exact(13) {
-        let index = |at: usize| u32::from_le_bytes([face[at], face[at + 1], face[at + 2], face[at + 3]]);
+        let index =
+            |at: usize| u32::from_le_bytes([face[at], face[at + 1], face[at + 2], face[at + 3]]);
         let triangle = [index(1), index(5), index(9)];
         ensure!(
             face[0] == 3 && triangle.iter().all(|&i| (i as usize) < vertex_count),

@@ -19,12 +19,18 @@ impl Progress {
             .expect("the template is a constant");
         bar.set_style(style);
         bar.enable_steady_tick(Duration::from_millis(200));
-        Self { bar, stage: Mutex::new(String::new()) }
+        Self {
+            bar,
+            stage: Mutex::new(String::new()),
+        }
     }
 
     /// No output at all, for tests.
     pub fn silent() -> Self {
-        Self { bar: ProgressBar::hidden(), stage: Mutex::new(String::new()) }
+        Self {
+            bar: ProgressBar::hidden(),
+            stage: Mutex::new(String::new()),
+        }
     }
 
     /// Begins a stage.

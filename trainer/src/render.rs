@@ -27,13 +27,18 @@ impl std::str::FromStr for ViewPath {
     type Err = std::convert::Infallible;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Ok(if text == "recorded" { Self::Recorded } else { Self::File(text.into()) })
+        Ok(if text == "recorded" {
+            Self::Recorded
+        } else {
+            Self::File(text.into())
+        })
     }
 }
 
 /// Reads a path of poses in TUM text; comments and empty lines are skipped.
 pub fn read_tum(path: &Path) -> anyhow::Result<Vec<Pose>> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the path {}", path.display()))?;
+    let text = std::fs::read_to_string(path)
+        .with_context(|| format!("cannot read the path {}", path.display()))?;
     let mut poses = Vec::new();
     for (number, line) in text.lines().enumerate() {
         let line = line.trim();
@@ -47,9 +52,14 @@ pub fn read_tum(path: &Path) -> anyhow::Result<Vec<Pose>> {
             .collect::<Result<_, _>>()
             .with_context(|| format!("{}: not a number", place()))?;
         let [_, tx, ty, tz, qx, qy, qz, qw] = values[..] else {
-            bail!("{}: a pose has 8 numbers (timestamp tx ty tz qx qy qz qw), here are {}", place(), values.len());
+            bail!(
+                "{}: a pose has 8 numbers (timestamp tx ty tz qx qy qz qw), here are {}",
+                place(),
+                values.len()
+            );
         };
-        let pose = Pose::new(DQuat::from_xyzw(qx, qy, qz, qw), DVec3::new(tx, ty, tz)).with_context(place)?;
+        let pose = Pose::new(DQuat::from_xyzw(qx, qy, qz, qw), DVec3::new(tx, ty, tz))
+            .with_context(place)?;
         poses.push(pose);
     }
     if poses.is_empty() {
@@ -59,8 +69,14 @@ pub fn read_tum(path: &Path) -> anyhow::Result<Vec<Pose>> {
 }
 
 /// Draws every view of `path` into `output` as `NNNNNN.png` (sRGB, without vignetting); returns how many.
-pub fn render(folder: &RunFolder, path: &ViewPath, output: &Path, progress: &Progress) -> anyhow::Result<usize> {
-    let config: TrainConfig = toml::from_str(&std::fs::read_to_string(folder.path("config.toml"))?)?;
+pub fn render(
+    folder: &RunFolder,
+    path: &ViewPath,
+    output: &Path,
+    progress: &Progress,
+) -> anyhow::Result<usize> {
+    let config: TrainConfig =
+        toml::from_str(&std::fs::read_to_string(folder.path("config.toml"))?)?;
     let recording = Recording::open(&config.recording)?;
     let view = ColorView::new(&recording);
     let model = Model::load(folder)?;
@@ -80,8 +96,13 @@ pub fn render(folder: &RunFolder, path: &ViewPath, output: &Path, progress: &Pro
         crate::interrupt::check()?;
         let surface_from_color = Pose::from_translation(-model.surface.origin) * *pose;
         let drawn = model.draw(&view.camera, &surface_from_color);
-        let picture = drawn.composition.map(|linear| linear.map(srgb8_from_linear));
-        write_atomically(&output.join(format!("{index:06}.png")), &encode_png_rgb8(&picture)?)?;
+        let picture = drawn
+            .composition
+            .map(|linear| linear.map(srgb8_from_linear));
+        write_atomically(
+            &output.join(format!("{index:06}.png")),
+            &encode_png_rgb8(&picture)?,
+        )?;
         progress.step(done + 1, world_from_color.len());
     }
     Ok(world_from_color.len())
@@ -95,7 +116,11 @@ mod tests {
     fn a_path_file_is_read_and_bad_lines_name_their_place() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("path.txt");
-        std::fs::write(&file, "# a comment\n\n0.0 1 2 3 0 0 0 1\n0.1 1 2 3 0 0 0 2\n").unwrap();
+        std::fs::write(
+            &file,
+            "# a comment\n\n0.0 1 2 3 0 0 0 1\n0.1 1 2 3 0 0 0 2\n",
+        )
+        .unwrap();
         let poses = read_tum(&file).unwrap();
         assert_eq!(poses.len(), 2);
         assert_eq!(poses[1].translation(), DVec3::new(1.0, 2.0, 3.0));

@@ -49,7 +49,9 @@ impl RunFolder {
         if manifest.exists() {
             std::fs::remove_file(&manifest)?;
         }
-        let folder = Self { root: root.to_path_buf() };
+        let folder = Self {
+            root: root.to_path_buf(),
+        };
         folder.write("log.jsonl", b"")?;
         Ok(folder)
     }
@@ -57,9 +59,14 @@ impl RunFolder {
     /// Opens a folder that holds a run.
     pub fn open(root: &Path) -> anyhow::Result<Self> {
         if !root.join("manifest.json").exists() {
-            bail!("{} holds no finished run (manifest.json is missing); make one with `glint train`", root.display());
+            bail!(
+                "{} holds no finished run (manifest.json is missing); make one with `glint train`",
+                root.display()
+            );
         }
-        Ok(Self { root: root.to_path_buf() })
+        Ok(Self {
+            root: root.to_path_buf(),
+        })
     }
 
     /// The path of a file inside.
@@ -84,7 +91,8 @@ impl RunFolder {
         let path = self.path(name);
         let text = std::fs::read_to_string(&path)
             .with_context(|| format!("cannot read {}: is this a finished run?", path.display()))?;
-        serde_json::from_str(&text).with_context(|| format!("{} does not hold what it should", path.display()))
+        serde_json::from_str(&text)
+            .with_context(|| format!("{} does not hold what it should", path.display()))
     }
 
     /// The manifest.
@@ -94,7 +102,10 @@ impl RunFolder {
 
     /// Appends one event to `log.jsonl`.
     pub fn log(&self, event: &serde_json::Value) -> anyhow::Result<()> {
-        let mut file = std::fs::OpenOptions::new().append(true).create(true).open(self.path("log.jsonl"))?;
+        let mut file = std::fs::OpenOptions::new()
+            .append(true)
+            .create(true)
+            .open(self.path("log.jsonl"))?;
         writeln!(file, "{event}")?;
         Ok(())
     }
@@ -109,10 +120,12 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let mut file = tempfile::NamedTempFile::new_in(folder)
         .with_context(|| format!("cannot write in {}", folder.display()))?;
-    file.write_all(bytes).with_context(|| format!("cannot write {}", path.display()))?;
+    file.write_all(bytes)
+        .with_context(|| format!("cannot write {}", path.display()))?;
     file.as_file().sync_data()?;
     // A temporary file is private; results are not.
     rustix::fs::fchmod(file.as_file(), rustix::fs::Mode::from_raw_mode(0o644))?;
-    file.persist(path).with_context(|| format!("cannot write {}", path.display()))?;
+    file.persist(path)
+        .with_context(|| format!("cannot write {}", path.display()))?;
     Ok(())
 }

@@ -92,25 +92,42 @@ struct Stages<'a> {
 }
 
 impl Stages<'_> {
-    fn run<T>(&mut self, name: &str, work: impl FnOnce(&Progress) -> anyhow::Result<T>) -> anyhow::Result<T> {
+    fn run<T>(
+        &mut self,
+        name: &str,
+        work: impl FnOnce(&Progress) -> anyhow::Result<T>,
+    ) -> anyhow::Result<T> {
         crate::interrupt::check()?;
         let watch = Stopwatch::start();
         self.progress.stage(name);
         let result = work(self.progress).with_context(|| format!("stage {name}"))?;
         let cost = watch.cost();
-        self.folder.log(&json!({"event": "stage", "stage": name, "cost": cost}))?;
-        tracing::info!("{name}: {:.1} s wall, {:.1} core-seconds", cost.wall_s, cost.core_s);
+        self.folder
+            .log(&json!({"event": "stage", "stage": name, "cost": cost}))?;
+        tracing::info!(
+            "{name}: {:.1} s wall, {:.1} core-seconds",
+            cost.wall_s,
+            cost.core_s
+        );
         self.costs.insert(name.to_owned(), cost);
         Ok(result)
     }
 }
 
 /// Trains in profile `draft` into `folder`. Reads training frames only.
-pub fn train(config: &TrainConfig, folder: &RunFolder, progress: &Progress) -> anyhow::Result<TrainSummary> {
+pub fn train(
+    config: &TrainConfig,
+    folder: &RunFolder,
+    progress: &Progress,
+) -> anyhow::Result<TrainSummary> {
     let whole = Stopwatch::start();
     let recording = Recording::open(&config.recording)?;
     folder.write("config.toml", toml::to_string(config)?.as_bytes())?;
-    let mut stages = Stages { folder, progress, costs: std::collections::BTreeMap::new() };
+    let mut stages = Stages {
+        folder,
+        progress,
+        costs: std::collections::BTreeMap::new(),
+    };
 
     let frames = stages.run("poses", |_| {
         let frames = training_frames(&recording, &config.poses)?;
@@ -120,12 +137,18 @@ pub fn train(config: &TrainConfig, folder: &RunFolder, progress: &Progress) -> a
 
     let (geometry, parts) = stages.run("geometry", |progress| {
         let voxel_size = (config.voxel_mm * 1e-3) as f32;
-        let geometry = geometry::build(&recording, &frames, voxel_size, &mut |done, of| progress.step(done, of))?;
+        let geometry = geometry::build(&recording, &frames, voxel_size, &mut |done, of| {
+            progress.step(done, of)
+        })?;
         let parts = find_object(&geometry.mesh, config.object_box.as_ref(), config.seed);
         write_geometry(folder, &geometry, &parts)?;
         Ok((geometry, parts))
     })?;
-    let Geometry { mesh, normal_sigma, summary: geometry_summary } = geometry;
+    let Geometry {
+        mesh,
+        normal_sigma,
+        summary: geometry_summary,
+    } = geometry;
 
     let voxel_size = (config.voxel_mm * 1e-3) as f32;
     let (surface, observations, colors) = stages.run("diffuse", |progress| {
@@ -139,9 +162,19 @@ pub fn train(config: &TrainConfig, folder: &RunFolder, progress: &Progress) -> a
             origin: mesh.origin,
         };
         let view = ColorView::new(&recording);
-        let rules = PixelRules { stride: config.pixel_stride, ..PixelRules::default() };
-        let observations =
-            observe(&recording, &view, &surface, &normal_sigma, &frames, &rules, &|done, of| progress.step(done, of))?;
+        let rules = PixelRules {
+            stride: config.pixel_stride,
+            ..PixelRules::default()
+        };
+        let observations = observe(
+            &recording,
+            &view,
+            &surface,
+            &normal_sigma,
+            &frames,
+            &rules,
+            &|done, of| progress.step(done, of),
+        )?;
         let colors = vertex_colors(&surface, &observations);
         write_colors(folder, &surface, &colors)?;
         Ok((surface, observations, colors))
@@ -177,7 +210,11 @@ pub fn train(config: &TrainConfig, folder: &RunFolder, progress: &Progress) -> a
     })
 }
 
-fn write_geometry(folder: &RunFolder, geometry: &Geometry, parts: &ObjectParts) -> anyhow::Result<()> {
+fn write_geometry(
+    folder: &RunFolder,
+    geometry: &Geometry,
+    parts: &ObjectParts,
+) -> anyhow::Result<()> {
     let mesh = PlyMesh {
         positions: geometry.mesh.positions.clone(),
         normals: geometry.mesh.normals.clone(),
@@ -190,7 +227,10 @@ fn write_geometry(folder: &RunFolder, geometry: &Geometry, parts: &ObjectParts) 
     folder.write_json("geometry/summary.json", &geometry.summary)?;
     folder.write_json(
         "geometry/object.json",
-        &ObjectSummary { planes: parts.planes.clone(), segments: parts.segments.clone() },
+        &ObjectSummary {
+            planes: parts.planes.clone(),
+            segments: parts.segments.clone(),
+        },
     )
 }
 
@@ -205,9 +245,19 @@ fn colored(surface: &Surface, linear: Vec<[f32; 3]>) -> PlyMesh {
     }
 }
 
-fn write_colors(folder: &RunFolder, surface: &Surface, colors: &VertexColors) -> anyhow::Result<()> {
-    folder.write("diffuse/robust-minimum.ply", &ply::to_bytes(&colored(surface, colors.robust_minimum.clone())))?;
-    folder.write(MEDIAN_FILE, &ply::to_bytes(&colored(surface, colors.median.clone())))
+fn write_colors(
+    folder: &RunFolder,
+    surface: &Surface,
+    colors: &VertexColors,
+) -> anyhow::Result<()> {
+    folder.write(
+        "diffuse/robust-minimum.ply",
+        &ply::to_bytes(&colored(surface, colors.robust_minimum.clone())),
+    )?;
+    folder.write(
+        MEDIAN_FILE,
+        &ply::to_bytes(&colored(surface, colors.median.clone())),
+    )
 }
 
 fn write_linear(folder: &RunFolder, surface: &Surface, linear: &Linear) -> anyhow::Result<()> {
@@ -226,9 +276,16 @@ fn write_linear(folder: &RunFolder, surface: &Surface, linear: &Linear) -> anyho
         confidence: Image::from_vec(width, height, confidence.confidence.clone())?,
         sigma: Image::from_vec(width, height, confidence.sigma.clone())?,
         sample_count: Image::from_vec(width, height, confidence.sample_count.clone())?,
-        flags: Image::from_vec(width, height, confidence.flags.iter().map(|f| f.0).collect())?,
+        flags: Image::from_vec(
+            width,
+            height,
+            confidence.flags.iter().map(|f| f.0).collect(),
+        )?,
     };
     write_confidence_exr(&folder.path(CONFIDENCE_FILE), &map)?;
-    folder.write(LINEAR_DIFFUSE_FILE, &ply::to_bytes(&colored(surface, linear.diffuse.clone())))?;
+    folder.write(
+        LINEAR_DIFFUSE_FILE,
+        &ply::to_bytes(&colored(surface, linear.diffuse.clone())),
+    )?;
     folder.write_json("linear/summary.json", &linear.summary)
 }

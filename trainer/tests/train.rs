@@ -25,7 +25,9 @@ struct Run {
 
 impl Desk {
     fn new() -> Self {
-        Self { folder: tempfile::tempdir().unwrap() }
+        Self {
+            folder: tempfile::tempdir().unwrap(),
+        }
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -52,7 +54,9 @@ impl Desk {
         };
         let path = self.path(name);
         let folder = RunFolder::create(&path, false)?;
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()?;
         let summary = pool.install(|| train(&config, &folder, &Progress::silent()))?;
         Ok(Run { path, summary })
     }
@@ -76,7 +80,9 @@ impl Run {
     }
 
     fn confidence(&self) -> Image<f32> {
-        read_confidence_exr(&self.path.join(CONFIDENCE_FILE)).unwrap().confidence
+        read_confidence_exr(&self.path.join(CONFIDENCE_FILE))
+            .unwrap()
+            .confidence
     }
 
     fn mean_confidence(&self) -> f64 {
@@ -124,7 +130,11 @@ fn matte_spheres_give_a_black_map_and_a_sentence() {
     let recording = desk.record("matte.glint", &studio::film(Finish::Matte), &studio::path());
     let run = desk.train(&recording, "run", 2).unwrap();
     assert!(!run.summary.found_specular);
-    assert!(run.summary.sentence.contains("nothing specular was found"), "{}", run.summary.sentence);
+    assert!(
+        run.summary.sentence.contains("nothing specular was found"),
+        "{}",
+        run.summary.sentence
+    );
     assert!(run.map().pixels().iter().all(|texel| *texel == [0.0; 3]));
     assert!(run.confidence().pixels().iter().all(|c| *c == 0.0));
 }
@@ -192,7 +202,13 @@ fn half_of_the_red_light_gives_half_of_the_red_map() {
     let claimed = claimed(&full.confidence());
     let ratio = |channel: usize| {
         let (mut sum_a, mut sum_b) = (0.0, 0.0);
-        for ((a, b), _) in a.pixels().iter().zip(b.pixels()).zip(&claimed).filter(|(_, c)| **c) {
+        for ((a, b), _) in a
+            .pixels()
+            .iter()
+            .zip(b.pixels())
+            .zip(&claimed)
+            .filter(|(_, c)| **c)
+        {
             sum_a += f64::from(a[channel]);
             sum_b += f64::from(b[channel]);
         }
@@ -200,7 +216,10 @@ fn half_of_the_red_light_gives_half_of_the_red_map() {
     };
     println!("ratios {:.3} {:.3} {:.3}", ratio(0), ratio(1), ratio(2));
     assert!((ratio(0) / 0.5 - 1.0).abs() <= 0.05, "red: {}", ratio(0));
-    assert!((ratio(1) - 1.0).abs() <= 0.05 && (ratio(2) - 1.0).abs() <= 0.05, "green and blue stay");
+    assert!(
+        (ratio(1) - 1.0).abs() <= 0.05 && (ratio(2) - 1.0).abs() <= 0.05,
+        "green and blue stay"
+    );
 }
 
 #[test]
@@ -210,7 +229,9 @@ fn shuffled_poses_are_refused_or_believed_little() {
     let right = shiny();
     let path = studio::path();
     // Every frame gets the pose of another one, far away.
-    let shuffled: Vec<Pose> = (0..path.len()).map(|i| path[(i * 19 + 7) % path.len()]).collect();
+    let shuffled: Vec<Pose> = (0..path.len())
+        .map(|i| path[(i * 19 + 7) % path.len()])
+        .collect();
     let wrong = desk.record("wrong.glint", &frames, &shuffled);
     match desk.train(&wrong, "wrong", 2) {
         Err(error) => {
@@ -232,7 +253,10 @@ fn the_bits_do_not_depend_on_the_number_of_threads() {
     let two = shiny();
     for file in [MESH_FILE, SRM_FILE, CONFIDENCE_FILE] {
         let bytes = |run: &Run| std::fs::read(run.path.join(file)).unwrap();
-        assert!(bytes(&one) == bytes(two), "{file} differs between 1 and 2 threads");
+        assert!(
+            bytes(&one) == bytes(two),
+            "{file} differs between 1 and 2 threads"
+        );
     }
 }
 
@@ -250,6 +274,9 @@ fn frames_that_are_held_out_do_not_matter() {
     let spoilt = desk.train(&recording, "spoilt", 2).unwrap();
     for file in [MESH_FILE, SRM_FILE, CONFIDENCE_FILE] {
         let bytes = |run: &Run| std::fs::read(run.path.join(file)).unwrap();
-        assert!(bytes(all) == bytes(&spoilt), "{file} depends on a test frame");
+        assert!(
+            bytes(all) == bytes(&spoilt),
+            "{file} depends on a test frame"
+        );
     }
 }

@@ -69,7 +69,11 @@ impl Problem {
         let own = &self.information(&solution.weights)[self.vertex_count()..];
         let mut information = own.to_vec();
         for texel in 0..own.len() {
-            for (other, weight) in self.edges(texel, &solution.weights.edges).into_iter().flatten() {
+            for (other, weight) in self
+                .edges(texel, &solution.weights.edges)
+                .into_iter()
+                .flatten()
+            {
                 let tie = smoothness * weight;
                 for (to, from) in [(texel, other), (other, texel)] {
                     for c in 0..3 {

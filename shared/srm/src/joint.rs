@@ -172,11 +172,22 @@ impl Problem {
         let n = self.vertex_count();
         let mut held = vec![false; n];
         held.resize(self.unknown_count(), true);
-        let regularisation =
-            Regularisation { diffuse_to_prior: ALONE_WEIGHT, ..settings.regularisation() };
-        let settings = JointSettings { rounds: REFIT_ROUNDS, ..settings.clone() };
+        let regularisation = Regularisation {
+            diffuse_to_prior: ALONE_WEIGHT,
+            ..settings.regularisation()
+        };
+        let settings = JointSettings {
+            rounds: REFIT_ROUNDS,
+            ..settings.clone()
+        };
         let prior = vec![[0.0; 3]; n];
-        self.iterate(&settings, regularisation, solution.unknowns.clone(), &held, &prior)
+        self.iterate(
+            &settings,
+            regularisation,
+            solution.unknowns.clone(),
+            &held,
+            &prior,
+        )
     }
 
     /// Rounds of reweighting around the bounded solve. Unknowns that are `held` keep their value.

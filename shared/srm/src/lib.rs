@@ -29,12 +29,14 @@
 //! what is asked beyond the rows · [`weights`] of a round · [`solver`] bounded conjugate gradients ·
 //! [`joint`] robust reweighting and the solution · [`confidence`] what a texel is
 //! worth · [`offset`] the direction the data do not see · [`selection`] choices by held-out frames ·
-//! [`resolution`] the finest detail.
+//! [`gains`] of single segments,
+//! for drawing · [`resolution`] the finest detail.
 //!
 //! Invariants: sums run in f64 over a fixed number of tiles, so that the bits do not depend on the number
 //! of threads; finite rows give finite texels; D and S are never negative.
 
 pub mod confidence;
+pub mod gains;
 pub mod joint;
 pub mod offset;
 pub mod problem;

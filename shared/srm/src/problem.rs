@@ -90,6 +90,15 @@ impl Problem {
         })
     }
 
+    /// The same unknowns with rows that name no others.
+    pub(crate) fn with_rows(&self, rows: Rows) -> Self {
+        Self {
+            rows,
+            covered: self.covered.clone(),
+            ..*self
+        }
+    }
+
     /// The rows.
     pub fn rows(&self) -> &Rows {
         &self.rows

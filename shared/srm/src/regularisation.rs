@@ -34,7 +34,11 @@ impl Problem {
     }
 
     /// Neighbours with the strength of their edge: in longitude 1/cos lat (1/√cos lat before squaring).
-    pub(crate) fn edges(&self, index: usize, edge_weights: &[[f32; 2]]) -> [Option<(usize, f64)>; 2] {
+    pub(crate) fn edges(
+        &self,
+        index: usize,
+        edge_weights: &[[f32; 2]],
+    ) -> [Option<(usize, f64)>; 2] {
         let row = index / self.panorama().width() as usize;
         let longitude =
             (1.0 / self.panorama().latitude(row as u32).cos()).min(LARGEST_LONGITUDE_WEIGHT);

@@ -232,14 +232,24 @@ pub fn choose(
         let joint = judged(&problem.refit_diffuse(&solution, &settings));
         start = solution.unknowns;
         let (error, sigma) = pooled(&joint, |_| true);
-        trials.push((WeightTrial { weight, error, sigma }, joint));
+        trials.push((
+            WeightTrial {
+                weight,
+                error,
+                sigma,
+            },
+            joint,
+        ));
     }
     let best = trials
         .iter()
         .min_by(|a, b| a.0.error.total_cmp(&b.0.error))
         .ok_or(SrmError::NoRows)?;
     let limit = (1.0 + AS_GOOD) * best.0.error;
-    let largest = trials.iter().rposition(|(trial, _)| trial.error <= limit).unwrap_or(0);
+    let largest = trials
+        .iter()
+        .rposition(|(trial, _)| trial.error <= limit)
+        .unwrap_or(0);
     let (chosen, joint) = &trials[largest];
     let weight = match trials.get(largest + 1) {
         Some((beyond, _)) => weight_at(limit, chosen, beyond),
@@ -289,7 +299,11 @@ mod tests {
 
     #[test]
     fn the_chosen_weight_moves_without_jumps() {
-        let trial = |weight, error| WeightTrial { weight, error, sigma: 0.0 };
+        let trial = |weight, error| WeightTrial {
+            weight,
+            error,
+            sigma: 0.0,
+        };
         let (below, beyond) = (trial(0.1, 1.0), trial(0.4, 1.2));
         assert!((weight_at(1.0, &below, &beyond) - 0.1).abs() < 1e-12);
         assert!((weight_at(1.1, &below, &beyond) - 0.2).abs() < 1e-12);

@@ -23,7 +23,15 @@ pub struct SolverSettings {
 impl SolverSettings {
     /// What a round deserves: the next round's weights move the aim of all but the last.
     pub(crate) fn for_round(self, is_last: bool) -> Self {
-        if is_last { self } else { Self { steps: self.steps.div_ceil(2), passes: 1, ..self } }
+        if is_last {
+            self
+        } else {
+            Self {
+                steps: self.steps.div_ceil(2),
+                passes: 1,
+                ..self
+            }
+        }
     }
 }
 

@@ -106,14 +106,19 @@ pub fn evaluate(
 ) -> anyhow::Result<Option<(CompositionMetrics, Vec<Strip>)>> {
     let view = ColorView::new(recording);
     let training = training_frames(recording, pose_set)?;
-    let Some(poses) = recording.poses(pose_set) else { return Ok(None) };
+    let Some(poses) = recording.poses(pose_set) else {
+        return Ok(None);
+    };
     let tests: Vec<PosedFrame> = recording
         .split()
         .test
         .iter()
         .filter_map(|&index| {
             let index = index as usize;
-            Some(PosedFrame { index, world_from_camera: poses.get(index).copied().flatten()? })
+            Some(PosedFrame {
+                index,
+                world_from_camera: poses.get(index).copied().flatten()?,
+            })
         })
         .collect();
     let center = object_center(model);
@@ -158,7 +163,11 @@ pub fn evaluate(
     }
     let [composition, diffuse_only, nearest_view] = pool.map(|pooled| pooled.error());
     let metrics = CompositionMetrics {
-        mask: if masks.is_some() { "given masks, eroded by 1 pixel".into() } else { "shiny segments of the mesh".into() },
+        mask: if masks.is_some() {
+            "given masks, eroded by 1 pixel".into()
+        } else {
+            "shiny segments of the mesh".into()
+        },
         pixel_count: (pool[0].count / 3.0) as usize,
         frame_count: tests.len(),
         composition,
@@ -191,7 +200,12 @@ struct Pooled {
 impl Pooled {
     fn of(truth: &Rgb8Image, predicted: &Image<[f32; 3]>, mask: &Mask) -> Self {
         let mut sums = Self::default();
-        for ((truth, predicted), &inside) in truth.pixels().iter().zip(predicted.pixels()).zip(mask.pixels()) {
+        for ((truth, predicted), &inside) in truth
+            .pixels()
+            .iter()
+            .zip(predicted.pixels())
+            .zip(mask.pixels())
+        {
             if !inside {
                 continue;
             }
@@ -217,12 +231,19 @@ impl Pooled {
     }
 
     fn error(&self) -> ViewError {
-        ViewError { l1: self.l1(), psnr: measures::psnr_from_mse(self.square / self.count.max(1.0)) }
+        ViewError {
+            l1: self.l1(),
+            psnr: measures::psnr_from_mse(self.square / self.count.max(1.0)),
+        }
     }
 }
 
 fn count_both(a: &Mask, b: &Mask) -> f64 {
-    a.pixels().iter().zip(b.pixels()).filter(|(a, b)| **a && **b).count() as f64
+    a.pixels()
+        .iter()
+        .zip(b.pixels())
+        .filter(|(a, b)| **a && **b)
+        .count() as f64
 }
 
 /// Centre of the shiny segments, surface axes.
@@ -280,7 +301,11 @@ fn photograph(
 }
 
 fn predict(view: &ColorView, model: &Model, pose: &Pose, photograph: &Photograph) -> Predictions {
-    debug_assert!(photograph.radiance.linear.width() == view.camera.width(), "frame {}", photograph.index);
+    debug_assert!(
+        photograph.radiance.linear.width() == view.camera.width(),
+        "frame {}",
+        photograph.index
+    );
     let drawn = model.draw(&view.camera, pose);
     let (width, height) = (view.camera.width(), view.camera.height());
     let mut predictions = Predictions {
@@ -294,7 +319,9 @@ fn predict(view: &ColorView, model: &Model, pose: &Pose, photograph: &Photograph
     for y in 0..height {
         for x in 0..width {
             let index = (y * width + x) as usize;
-            let Some(hit) = &drawn.hits[index] else { continue };
+            let Some(hit) = &drawn.hits[index] else {
+                continue;
+            };
             let diffuse = drawn.diffuse_only.at(x, y);
             let seen = reprojected(view, &model.surface, photograph, hit);
             let encode = |linear: [f32; 3]| view.corrector.encode(x, y, linear);
@@ -310,9 +337,17 @@ fn predict(view: &ColorView, model: &Model, pose: &Pose, photograph: &Photograph
 }
 
 /// What the photograph shows of the surface point at `hit`, bilinear, or `None` where it is hidden there.
-fn reprojected(view: &ColorView, surface: &Surface, photograph: &Photograph, hit: &Hit) -> Option<[f32; 3]> {
+fn reprojected(
+    view: &ColorView,
+    surface: &Surface,
+    photograph: &Photograph,
+    hit: &Hit,
+) -> Option<[f32; 3]> {
     let point = surface.interpolate(&surface.positions, hit).as_dvec3();
-    let in_camera = photograph.surface_from_color.inverse().transform_point(point);
+    let in_camera = photograph
+        .surface_from_color
+        .inverse()
+        .transform_point(point);
     let pixel = view.camera.pixel_from_camera(in_camera)?;
     let (x, y) = view.camera.contains(pixel)?;
     let index = (y * view.camera.width() + x) as usize;
@@ -328,9 +363,12 @@ fn bilinear(image: &LinearImage, x: f64, y: f64) -> Option<[f32; 3]> {
     let (fx, fy) = ((x - x0) as f32, (y - y0) as f32);
     let (x0, y0) = (x0 as i64, y0 as i64);
     let mut value = [0.0; 3];
-    for (dx, dy, weight) in
-        [(0, 0, (1.0 - fx) * (1.0 - fy)), (1, 0, fx * (1.0 - fy)), (0, 1, (1.0 - fx) * fy), (1, 1, fx * fy)]
-    {
+    for (dx, dy, weight) in [
+        (0, 0, (1.0 - fx) * (1.0 - fy)),
+        (1, 0, fx * (1.0 - fy)),
+        (0, 1, (1.0 - fx) * fy),
+        (1, 1, fx * fy),
+    ] {
         if weight > 0.0 {
             let color = image.get(x0 + dx, y0 + dy)?;
             for c in 0..3 {
@@ -344,7 +382,9 @@ fn bilinear(image: &LinearImage, x: f64, y: f64) -> Option<[f32; 3]> {
 /// The scored pixels of a test frame: the given mask eroded by a pixel, or the shiny segments, and always
 /// with geometry.
 fn mask_of(masks: Option<&Path>, index: usize, predicted: &Predictions) -> anyhow::Result<Mask> {
-    let Some(folder) = masks else { return Ok(predicted.is_shiny.clone()) };
+    let Some(folder) = masks else {
+        return Ok(predicted.is_shiny.clone());
+    };
     let valid = &predicted.has_surface;
     let path = folder.join(format!("{index:06}.png"));
     let bytes = std::fs::read(&path)

@@ -77,11 +77,14 @@ pub fn evaluate(
     let environment = truth.join("environment.exr");
     let (environment, _) = read_rgb_exr(&environment)
         .with_context(|| format!("no readable truth at {}", environment.display()))?;
-    let reach = read_channel_exr(&truth.join("reach.exr"), None).context("reading the reach of the truth")?;
+    let reach = read_channel_exr(&truth.join("reach.exr"), None)
+        .context("reading the reach of the truth")?;
     let size = PanoramaSize::from_height(GRID_HEIGHT).expect("64 rows make a panorama");
     let reach = grid_scalar(&reach, size);
     let (map_on_grid, confidence_on_grid) = grid_map(&map, &confidence.confidence, size);
-    let sigma_map = confidence.sigma.map(|s| s.map(|v| if v.is_finite() { v } else { 10.0 }));
+    let sigma_map = confidence
+        .sigma
+        .map(|s| s.map(|v| if v.is_finite() { v } else { 10.0 }));
     let (sigma_on_grid, _) = grid_map(&sigma_map, &confidence.confidence, size);
     let sharp = block_mean(&environment, size);
     let lobe = lobe_map(&environment, size, alpha);
@@ -110,7 +113,13 @@ pub fn evaluate(
         sharp: score(&whole, &map_on_grid, &sharp),
         constant,
         turned,
-        within_sigma_fraction: within_sigma(&claimed, &map_on_grid, &sigma_on_grid, &lobe, on_claimed.scale),
+        within_sigma_fraction: within_sigma(
+            &claimed,
+            &map_on_grid,
+            &sigma_on_grid,
+            &lobe,
+            on_claimed.scale,
+        ),
     })
 }
 
@@ -124,7 +133,11 @@ struct Domain {
 impl Domain {
     fn new(size: PanoramaSize, reach: &[f64], confidence: &[f64]) -> Self {
         let width = size.width() as usize;
-        let mut domain = Self { texels: Vec::new(), weight: 0.0, reach_weight: 0.0 };
+        let mut domain = Self {
+            texels: Vec::new(),
+            weight: 0.0,
+            reach_weight: 0.0,
+        };
         for index in 0..size.texel_count() / 2 {
             if reach[index] < 0.5 {
                 continue;
@@ -141,7 +154,9 @@ impl Domain {
 }
 
 fn hemisphere_weight(size: PanoramaSize) -> f64 {
-    (0..size.height() / 2).map(|row| size.latitude(row).cos() * f64::from(size.width())).sum()
+    (0..size.height() / 2)
+        .map(|row| size.latitude(row).cos() * f64::from(size.width()))
+        .sum()
 }
 
 fn luminance(value: [f64; 3]) -> f64 {
@@ -150,7 +165,11 @@ fn luminance(value: [f64; 3]) -> f64 {
 
 /// Items 2 to 8 of the definition.
 fn score(domain: &Domain, map: &Grid, truth: &Grid, fixed_scale: Option<f64>) -> Score {
-    let coverage = if domain.reach_weight > 0.0 { domain.weight / domain.reach_weight } else { 0.0 };
+    let coverage = if domain.reach_weight > 0.0 {
+        domain.weight / domain.reach_weight
+    } else {
+        0.0
+    };
     let mut ratios = Vec::new();
     for &(index, weight) in &domain.texels {
         let (s, t) = (luminance(map[index]).max(0.0), luminance(truth[index]));
@@ -158,7 +177,9 @@ fn score(domain: &Domain, map: &Grid, truth: &Grid, fixed_scale: Option<f64>) ->
             ratios.push(((t / s).ln(), weight));
         }
     }
-    let scale = fixed_scale.or_else(|| robust::weighted_median(&mut ratios).map(f64::exp)).unwrap_or(1.0);
+    let scale = fixed_scale
+        .or_else(|| robust::weighted_median(&mut ratios).map(f64::exp))
+        .unwrap_or(1.0);
     let mut clipped = Vec::new();
     let mut logarithms = Vec::new();
     for &(index, weight) in &domain.texels {
@@ -168,7 +189,10 @@ fn score(domain: &Domain, map: &Grid, truth: &Grid, fixed_scale: Option<f64>) ->
         logarithms.push((a.max(0.01).ln(), b.max(0.01).ln(), weight));
     }
     let sum: f64 = domain.weight.max(1e-300);
-    let square: f64 = logarithms.iter().map(|(a, b, w)| w * (a - b) * (a - b)).sum();
+    let square: f64 = logarithms
+        .iter()
+        .map(|(a, b, w)| w * (a - b) * (a - b))
+        .sum();
     Score {
         corr: measures::weighted_pearson(&clipped).unwrap_or(0.0),
         log_rmse: (square / sum).sqrt(),
@@ -189,7 +213,11 @@ fn within_sigma(domain: &Domain, map: &Grid, sigma: &Grid, truth: &Grid, scale: 
         })
         .map(|(_, weight)| weight)
         .sum();
-    if domain.weight > 0.0 { inside / domain.weight } else { 0.0 }
+    if domain.weight > 0.0 {
+        inside / domain.weight
+    } else {
+        0.0
+    }
 }
 
 fn turned_quarter(grid: &Grid, size: PanoramaSize) -> Grid {
@@ -211,8 +239,13 @@ fn resampled(image: &LinearImage, size: PanoramaSize) -> LinearImage {
     let source = PanoramaSize::from_height(image.height());
     let pixels = (0..fine.texel_count())
         .map(|index| {
-            let texel = DVec2::new((index % fine.width() as usize) as f64, (index / fine.width() as usize) as f64);
-            let Some(source) = source else { return [0.0; 3] };
+            let texel = DVec2::new(
+                (index % fine.width() as usize) as f64,
+                (index / fine.width() as usize) as f64,
+            );
+            let Some(source) = source else {
+                return [0.0; 3];
+            };
             let taps = source.taps(fine.direction_from_texel(texel));
             let mut value = [0.0_f32; 3];
             for (&texel, weight) in taps.texels.iter().zip(taps.weights) {
@@ -241,7 +274,10 @@ fn grid_scalar(image: &Image<f32>, size: PanoramaSize) -> Vec<f64> {
 fn grid_map(map: &LinearImage, confidence: &Image<f32>, size: PanoramaSize) -> (Grid, Vec<f64>) {
     let (map, confidence) = match blocks(map.width(), map.height(), size) {
         Some(_) => (map.clone(), confidence.clone()),
-        None => (resampled(map, size), resampled(&confidence.map(|c| [c; 3]), size).map(|v| v[0])),
+        None => (
+            resampled(map, size),
+            resampled(&confidence.map(|c| [c; 3]), size).map(|v| v[0]),
+        ),
     };
     let factor = map.height() / size.height();
     let mut values = Vec::with_capacity(size.texel_count());
@@ -253,7 +289,11 @@ fn grid_map(map: &LinearImage, confidence: &Image<f32>, size: PanoramaSize) -> (
                 for x in column * factor..(column + 1) * factor {
                     let color = map.at(x, y).map(f64::from);
                     let finite = color.iter().all(|v| v.is_finite());
-                    let c = if finite { f64::from(confidence.at(x, y)) } else { 0.0 };
+                    let c = if finite {
+                        f64::from(confidence.at(x, y))
+                    } else {
+                        0.0
+                    };
                     plain += c;
                     if finite {
                         weight += c + 1e-6;
@@ -263,7 +303,11 @@ fn grid_map(map: &LinearImage, confidence: &Image<f32>, size: PanoramaSize) -> (
                     }
                 }
             }
-            values.push(if weight > 0.0 { sum.map(|s| s / weight) } else { [0.0; 3] });
+            values.push(if weight > 0.0 {
+                sum.map(|s| s / weight)
+            } else {
+                [0.0; 3]
+            });
             confidences.push(plain / f64::from(factor * factor));
         }
     }
@@ -289,7 +333,8 @@ fn lobe_map(environment: &LinearImage, size: PanoramaSize, alpha: f64) -> Grid {
             if index / width >= size.height() as usize / 2 {
                 return [0.0; 3];
             }
-            let axis = size.direction_from_texel(DVec2::new((index % width) as f64, (index / width) as f64));
+            let axis = size
+                .direction_from_texel(DVec2::new((index % width) as f64, (index / width) as f64));
             let (mut sum, mut weight) = ([0.0; 3], 0.0);
             for (direction, radiance, solid_angle) in &sources {
                 let cosine = axis.dot(*direction);
@@ -343,7 +388,10 @@ mod tests {
         assert!(same.corr > 1.0 - 1e-12 && same.log_rmse < 1e-12);
         let brighter: Grid = truth.iter().map(|v| v.map(|v| 7.0 * v)).collect();
         let scaled = score(&domain, &brighter, &truth, None);
-        assert!((scaled.corr - same.corr).abs() < 1e-9 && (scaled.log_rmse - same.log_rmse).abs() < 1e-9);
+        assert!(
+            (scaled.corr - same.corr).abs() < 1e-9
+                && (scaled.log_rmse - same.log_rmse).abs() < 1e-9
+        );
         let turned = score(&domain, &turned_quarter(&truth, size), &truth, None);
         assert!(turned.corr < 0.6);
     }
@@ -351,7 +399,9 @@ mod tests {
     #[test]
     fn a_constant_map_has_no_correlation() {
         let size = PanoramaSize::from_height(GRID_HEIGHT).unwrap();
-        let truth: Grid = (0..size.texel_count()).map(|i| [0.1 + (i % 7) as f64 * 0.1; 3]).collect();
+        let truth: Grid = (0..size.texel_count())
+            .map(|i| [0.1 + (i % 7) as f64 * 0.1; 3])
+            .collect();
         let ones = vec![1.0; size.texel_count()];
         let domain = Domain::new(size, &ones, &ones);
         let constant = score(&domain, &vec![[0.3; 3]; size.texel_count()], &truth, None);

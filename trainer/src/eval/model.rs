@@ -4,8 +4,8 @@ use anyhow::Context as _;
 use geometry::{Intrinsics, PanoramaSize, Pose};
 use glam::Vec3;
 use imaging::{Image, LinearImage, read_rgb_exr};
-use raytrace::{Hit, MirrorQuery, Scene, visibility_buffer};
 use rayon::prelude::*;
+use raytrace::{Hit, MirrorQuery, Scene, visibility_buffer};
 
 use crate::ply::{self, PlyMesh};
 use crate::run_folder::RunFolder;
@@ -28,6 +28,8 @@ pub struct Model {
     pub panorama: PanoramaSize,
     /// Segments that reflect.
     pub specular_segments: Vec<u16>,
+    /// Reflectance of every segment, by its number; 0 where it does not reflect.
+    reflectance: Vec<f32>,
 }
 
 /// One drawn view, linear radiance a pixel.
@@ -62,8 +64,24 @@ impl Model {
         let panorama = PanoramaSize::from_height(specular_map.height())
             .filter(|size| size.width() == specular_map.width())
             .context("the specular map is not twice as wide as high")?;
-        let specular_segments = summary.segments.iter().filter(|s| s.is_specular).map(|s| s.id).collect();
-        let PlyMesh { positions, normals, linear, segments, triangles, origin } = solved;
+        let mut reflectance = vec![0.0; usize::from(u16::MAX) + 1];
+        for segment in summary.segments.iter().filter(|s| s.is_specular) {
+            reflectance[usize::from(segment.id)] = GAIN * segment.relative_gain;
+        }
+        let specular_segments = summary
+            .segments
+            .iter()
+            .filter(|s| s.is_specular)
+            .map(|s| s.id)
+            .collect();
+        let PlyMesh {
+            positions,
+            normals,
+            linear,
+            segments,
+            triangles,
+            origin,
+        } = solved;
         let surface = Surface {
             scene: Scene::new(&positions, &triangles)?,
             mirror: MirrorQuery::for_fused((geometry.voxel_mm * 1e-3) as f32),
@@ -73,7 +91,15 @@ impl Model {
             vertex_segment: segments,
             origin,
         };
-        Ok(Self { surface, diffuse: linear, median: median.linear, specular_map, panorama, specular_segments })
+        Ok(Self {
+            surface,
+            diffuse: linear,
+            median: median.linear,
+            specular_map,
+            panorama,
+            specular_segments,
+            reflectance,
+        })
     }
 
     /// A per-vertex colour at a hit.
@@ -97,7 +123,8 @@ impl Model {
 
     /// Radiance of the composition at a hit seen from `eye` (surface axes).
     pub fn shade(&self, hit: &Hit, eye: Vec3) -> [f32; 3] {
-        if !self.specular_segments.contains(&self.surface.segment(hit.triangle)) {
+        let gain = self.reflectance[usize::from(self.surface.segment(hit.triangle))];
+        if gain <= 0.0 {
             return self.color_at(&self.median, hit);
         }
         let diffuse = self.color_at(&self.diffuse, hit);
@@ -108,20 +135,26 @@ impl Model {
             Some(bounce) => self.color_at(&self.median, bounce),
             None => self.reflected_radiance(mirrored.direction),
         };
-        [0, 1, 2].map(|c| diffuse[c] + GAIN * reflected[c])
+        [0, 1, 2].map(|c| diffuse[c] + gain * reflected[c])
     }
 
     /// Draws what `camera` sees at `surface_from_color`.
     pub fn draw(&self, camera: &Intrinsics, surface_from_color: &Pose) -> DrawnView {
         let surface = &self.surface;
-        let buffer =
-            visibility_buffer(&surface.scene, &surface.positions, &surface.triangles, camera, surface_from_color);
+        let buffer = visibility_buffer(
+            &surface.scene,
+            &surface.positions,
+            &surface.triangles,
+            camera,
+            surface_from_color,
+        );
         let (width, height) = (camera.width(), camera.height());
         let eye = surface_from_color.translation().as_vec3();
         let mut composition = Image::new(width, height, [0.0_f32; 3]);
         let mut diffuse_only = Image::new(width, height, [0.0_f32; 3]);
-        let hits: Vec<Option<Hit>> =
-            (0..width as usize * height as usize).map(|index| hit_at(&buffer, index)).collect();
+        let hits: Vec<Option<Hit>> = (0..width as usize * height as usize)
+            .map(|index| hit_at(&buffer, index))
+            .collect();
         let chunk = ROWS_A_TASK * width as usize;
         composition
             .pixels_mut()
@@ -139,10 +172,17 @@ impl Model {
         let is_specular = hits
             .iter()
             .map(|hit| {
-                hit.as_ref()
-                    .is_some_and(|hit| self.specular_segments.contains(&surface.segment(hit.triangle)))
+                hit.as_ref().is_some_and(|hit| {
+                    self.specular_segments
+                        .contains(&surface.segment(hit.triangle))
+                })
             })
             .collect();
-        DrawnView { composition, diffuse_only, hits, is_specular }
+        DrawnView {
+            composition,
+            diffuse_only,
+            hits,
+            is_specular,
+        }
     }
 }

@@ -32,14 +32,23 @@ pub fn write_strips(folder: &RunFolder, strips: &[Strip]) -> anyhow::Result<()> 
     let step = strips.len().div_ceil(MOST_STRIPS).max(1);
     let mut names = Vec::new();
     for strip in strips.iter().step_by(step) {
-        let Some((x0, y0, x1, y1)) = bounds(strip) else { continue };
-        let parts: Vec<Rgb8Image> =
-            [&strip.photograph, &strip.composition, &strip.diffuse_only, &strip.nearest_view]
-                .into_iter()
-                .map(|image| pictures::crop(image, x0, y0, x1, y1))
-                .collect();
+        let Some((x0, y0, x1, y1)) = bounds(strip) else {
+            continue;
+        };
+        let parts: Vec<Rgb8Image> = [
+            &strip.photograph,
+            &strip.composition,
+            &strip.diffuse_only,
+            &strip.nearest_view,
+        ]
+        .into_iter()
+        .map(|image| pictures::crop(image, x0, y0, x1, y1))
+        .collect();
         let name = format!("eval/strip-{:06}.jpg", strip.frame);
-        folder.write(&name, &encode_jpeg(&pictures::side_by_side(&parts), JPEG_QUALITY)?)?;
+        folder.write(
+            &name,
+            &encode_jpeg(&pictures::side_by_side(&parts), JPEG_QUALITY)?,
+        )?;
         names.push(json!({"frame": strip.frame, "file": name}));
     }
     folder.write_json("eval/strips.json", &names)
@@ -78,7 +87,10 @@ pub fn metrics_text(metrics: &Metrics) -> String {
             "  baselines on the whole reach: constant map {:.3} / {:.3}, true map turned by 90 degrees {:.3} / {:.3}; sharp truth {:.3} / {:.3}",
             e.constant.corr, e.constant.log_rmse, e.turned.corr, e.turned.log_rmse, e.sharp.corr, e.sharp.log_rmse
         ));
-        lines.push(format!("  claimed texels within 1.64 sigma of the truth: {:.1} %", 100.0 * e.within_sigma_fraction));
+        lines.push(format!(
+            "  claimed texels within 1.64 sigma of the truth: {:.1} %",
+            100.0 * e.within_sigma_fraction
+        ));
     }
     if let Some(c) = &metrics.composition {
         lines.push(format!(
@@ -88,7 +100,10 @@ pub fn metrics_text(metrics: &Metrics) -> String {
         ));
     }
     if lines.is_empty() {
-        lines.push("nothing to measure: the recording has no test frames and no --truth was given".to_owned());
+        lines.push(
+            "nothing to measure: the recording has no test frames and no --truth was given"
+                .to_owned(),
+        );
     }
     lines.join("\n")
 }
@@ -102,7 +117,12 @@ pub fn metrics_summary(metrics: &Metrics) -> serde_json::Value {
         summary.insert("coverage".into(), json!(e.coverage));
         summary.insert("env_corr_reach".into(), json!(e.env_corr_reach));
         summary.insert("env_log_rmse_reach".into(), json!(e.env_log_rmse_reach));
-        summary.insert("within_sigma_fraction".into(), json!(e.within_sigma_fraction));
+        summary.insert("env_corr_turned".into(), json!(e.turned.corr));
+        summary.insert("env_log_rmse_constant".into(), json!(e.constant.log_rmse));
+        summary.insert(
+            "within_sigma_fraction".into(),
+            json!(e.within_sigma_fraction),
+        );
     }
     if let Some(c) = &metrics.composition {
         summary.insert("l1".into(), json!(c.composition.l1));

@@ -51,11 +51,18 @@ pub(super) fn page(folder: &RunFolder) -> anyhow::Result<String> {
     let geometry: GeometrySummary = folder.read_json("geometry/summary.json")?;
     let object: ObjectSummary = folder.read_json("geometry/object.json")?;
     let linear: LinearSummary = folder.read_json("linear/summary.json")?;
-    let metrics: Option<Metrics> =
-        if folder.path("metrics.json").exists() { Some(folder.read_json("metrics.json")?) } else { None };
-    let config: TrainConfig = toml::from_str(&std::fs::read_to_string(folder.path("config.toml"))?)?;
+    let metrics: Option<Metrics> = if folder.path("metrics.json").exists() {
+        Some(folder.read_json("metrics.json")?)
+    } else {
+        None
+    };
+    let config: TrainConfig =
+        toml::from_str(&std::fs::read_to_string(folder.path("config.toml"))?)?;
     let model = Model::load(folder)?;
-    let name = manifest.recording.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+    let name = manifest
+        .recording
+        .file_stem()
+        .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
     let markup = html! {
         (DOCTYPE)
         html lang="en" {
@@ -108,12 +115,16 @@ fn room(folder: &RunFolder, linear: &LinearSummary) -> anyhow::Result<Markup> {
 }
 
 fn inputs(config: &TrainConfig, model: &Model) -> anyhow::Result<Markup> {
-    let recording = Recording::open(&config.recording).context("the report shows frames of the recording")?;
+    let recording =
+        Recording::open(&config.recording).context("the report shows frames of the recording")?;
     let frames = training_frames(&recording, &config.poses)?;
     let mut shown = Vec::new();
     for part in 0..4 {
         let frame = frames[part * (frames.len() - 1) / 3];
-        shown.push((frame.index, picture(&recording.color(frame.index)?, "input frame")?));
+        shown.push((
+            frame.index,
+            picture(&recording.color(frame.index)?, "input frame")?,
+        ));
     }
     Ok(html! {
         h2 { "Input" }
@@ -134,15 +145,23 @@ fn shape(
     let view = ColorView::new(&recording);
     let frames = training_frames(&recording, &config.poses)?;
     let middle = frames[frames.len() / 2];
-    let eye = view.surface_from_color(&model.surface, &middle.world_from_camera).translation();
+    let eye = view
+        .surface_from_color(&model.surface, &middle.world_from_camera)
+        .translation();
     let mut figures = Vec::new();
     if let Some((camera, pose)) = pictures::object_camera(model, eye) {
         for (paint, caption) in [
             (MeshPaint::Shape, "Shape"),
-            (MeshPaint::Segments, "Segments: bright ones reflect, grey is left out"),
+            (
+                MeshPaint::Segments,
+                "Segments: bright ones reflect, grey is left out",
+            ),
             (MeshPaint::Diffuse, "Diffuse texture D, reflections removed"),
         ] {
-            figures.push((picture(&pictures::mesh(model, &camera, &pose, paint), caption)?, caption));
+            figures.push((
+                picture(&pictures::mesh(model, &camera, &pose, paint), caption)?,
+                caption,
+            ));
         }
     }
     Ok(html! {
@@ -173,7 +192,9 @@ fn shape(
 }
 
 fn held_out(folder: &RunFolder, metrics: Option<&Metrics>) -> anyhow::Result<Markup> {
-    let Some(composition) = metrics.and_then(|m| m.composition.as_ref()) else { return Ok(html! {}) };
+    let Some(composition) = metrics.and_then(|m| m.composition.as_ref()) else {
+        return Ok(html! {});
+    };
     #[derive(serde::Deserialize)]
     struct StripFile {
         frame: usize,
@@ -183,13 +204,27 @@ fn held_out(folder: &RunFolder, metrics: Option<&Metrics>) -> anyhow::Result<Mar
     let mut strips = Vec::new();
     for strip in files {
         let bytes = std::fs::read(folder.path(&strip.file))?;
-        let angle = composition.frames.iter().find(|f| f.frame == strip.frame).map_or(0.0, |f| f.angle_deg);
-        strips.push((strip.frame, angle, embedded(&bytes, "jpeg", "held-out strip")));
+        let angle = composition
+            .frames
+            .iter()
+            .find(|f| f.frame == strip.frame)
+            .map_or(0.0, |f| f.angle_deg);
+        strips.push((
+            strip.frame,
+            angle,
+            embedded(&bytes, "jpeg", "held-out strip"),
+        ));
     }
-    let least = composition.composition.l1.min(composition.diffuse_only.l1).min(composition.nearest_view.l1);
-    let row = |name: &str, error: &crate::eval::composition::ViewError| html! {
-        tr class=[(error.l1 <= least).then_some("best")] {
-            td { (name) } td { (format!("{:.4}", error.l1)) } td { (format!("{:.2}", error.psnr)) }
+    let least = composition
+        .composition
+        .l1
+        .min(composition.diffuse_only.l1)
+        .min(composition.nearest_view.l1);
+    let row = |name: &str, error: &crate::eval::composition::ViewError| {
+        html! {
+            tr class=[(error.l1 <= least).then_some("best")] {
+                td { (name) } td { (format!("{:.4}", error.l1)) } td { (format!("{:.2}", error.psnr)) }
+            }
         }
     };
     Ok(html! {
@@ -209,9 +244,13 @@ fn held_out(folder: &RunFolder, metrics: Option<&Metrics>) -> anyhow::Result<Mar
 }
 
 fn environment(metrics: Option<&Metrics>) -> Markup {
-    let Some(e) = metrics.and_then(|m| m.environment.as_ref()) else { return html! {} };
-    let row = |name: &str, corr: f64, log_rmse: f64, coverage: f64| html! {
-        tr { td { (name) } td { (format!("{corr:.3}")) } td { (format!("{log_rmse:.3}")) } td { (format!("{coverage:.2}")) } }
+    let Some(e) = metrics.and_then(|m| m.environment.as_ref()) else {
+        return html! {};
+    };
+    let row = |name: &str, corr: f64, log_rmse: f64, coverage: f64| {
+        html! {
+            tr { td { (name) } td { (format!("{corr:.3}")) } td { (format!("{log_rmse:.3}")) } td { (format!("{coverage:.2}")) } }
+        }
     };
     html! {
         h2 { "Against the true room" }
@@ -255,7 +294,10 @@ fn solve(linear: &LinearSummary) -> Markup {
 
 fn cost(manifest: &Manifest, metrics: Option<&Metrics>) -> Markup {
     let order = ["poses", "geometry", "diffuse", "linear"];
-    let total = manifest.stages.values().fold((0.0, 0.0), |sum, c| (sum.0 + c.wall_s, sum.1 + c.core_s));
+    let total = manifest
+        .stages
+        .values()
+        .fold((0.0, 0.0), |sum, c| (sum.0 + c.wall_s, sum.1 + c.core_s));
     html! {
         h2 { "What it cost" }
         table {

@@ -57,7 +57,11 @@ pub(super) fn object_camera(model: &Model, eye: DVec3) -> Option<(Intrinsics, Po
         .filter(|(_, segment)| **segment != 0)
         .map(|(position, _)| position.as_dvec3())
         .collect();
-    let chosen = if chosen.is_empty() { surface.positions.iter().map(|p| p.as_dvec3()).collect() } else { chosen };
+    let chosen = if chosen.is_empty() {
+        surface.positions.iter().map(|p| p.as_dvec3()).collect()
+    } else {
+        chosen
+    };
     let center = chosen.iter().sum::<DVec3>() / chosen.len().max(1) as f64;
     let mut distances: Vec<f64> = chosen.iter().map(|p| (*p - center).length()).collect();
     let radius = geometry::robust::quantile(&mut distances, 0.98)?;
@@ -65,7 +69,10 @@ pub(super) fn object_camera(model: &Model, eye: DVec3) -> Option<(Intrinsics, Po
     let rotation = direction::look_along(forward, DVec3::Y)?;
     let camera = Intrinsics::pinhole(640, 480, 640.0, 640.0, 319.5, 239.5).ok()?;
     let back = 3.0 * radius.max(0.02);
-    Some((camera, Pose::from_matrix(rotation, center - forward * back).ok()?))
+    Some((
+        camera,
+        Pose::from_matrix(rotation, center - forward * back).ok()?,
+    ))
 }
 
 /// The mesh seen from a pose in surface axes.
@@ -77,7 +84,9 @@ pub(super) fn mesh(model: &Model, camera: &Intrinsics, pose: &Pose, paint: MeshP
     for (pixel, hit) in picture.pixels_mut().iter_mut().zip(&drawn.hits) {
         let Some(hit) = hit else { continue };
         let position = surface.interpolate(&surface.positions, hit);
-        let normal = surface.interpolate(&surface.normals, hit).normalize_or_zero();
+        let normal = surface
+            .interpolate(&surface.normals, hit)
+            .normalize_or_zero();
         let shade = normal.dot((eye - position).normalize_or(Vec3::Z)).max(0.0);
         *pixel = match paint {
             MeshPaint::Shape => [srgb8_from_linear(0.05 + 0.7 * shade * shade); 3],
@@ -102,7 +111,11 @@ fn segment_color(model: &Model, segment: u16) -> [f32; 3] {
         return [0.35; 3];
     }
     let color = COLORS[(usize::from(segment) - 1) % COLORS.len()];
-    if model.specular_segments.contains(&segment) { color } else { color.map(|v| 0.25 * v + 0.3) }
+    if model.specular_segments.contains(&segment) {
+        color
+    } else {
+        color.map(|v| 0.25 * v + 0.3)
+    }
 }
 
 /// The part of `image` from (x0, y0) to (x1, y1), the ends excluded.
@@ -120,7 +133,12 @@ pub(super) fn crop(image: &Rgb8Image, x0: u32, y0: u32, x1: u32, y1: u32) -> Rgb
 pub(super) fn side_by_side(parts: &[Rgb8Image]) -> Rgb8Image {
     const GAP: u32 = 6;
     let height = parts.iter().map(Image::height).max().unwrap_or(1);
-    let width = parts.iter().map(|part| part.width() + GAP).sum::<u32>().saturating_sub(GAP).max(1);
+    let width = parts
+        .iter()
+        .map(|part| part.width() + GAP)
+        .sum::<u32>()
+        .saturating_sub(GAP)
+        .max(1);
     let mut row = Image::new(width, height, [255; 3]);
     let mut left = 0;
     for part in parts {

@@ -34,12 +34,19 @@ pub fn vertex_colors(surface: &Surface, observations: &[FrameObservations]) -> V
         start[vertex + 1] += start[vertex];
     }
     let mut cursor = start.clone();
-    let blank = Sample { linear: [0.0; 3], saturated: false, frame: 0 };
+    let blank = Sample {
+        linear: [0.0; 3],
+        saturated: false,
+        frame: 0,
+    };
     let mut sorted = vec![blank; start[vertex_count] as usize];
     for sample in observations.iter().flat_map(|frame| &frame.samples) {
         let slot = &mut cursor[sample.vertex as usize];
-        sorted[*slot as usize] =
-            Sample { linear: sample.linear, saturated: sample.saturated, frame: sample.frame };
+        sorted[*slot as usize] = Sample {
+            linear: sample.linear,
+            saturated: sample.saturated,
+            frame: sample.frame,
+        };
         *slot += 1;
     }
     let reduced: Vec<([f32; 3], [f32; 3], u32)> = (0..vertex_count)
@@ -49,7 +56,11 @@ pub fn vertex_colors(surface: &Surface, observations: &[FrameObservations]) -> V
             if samples.is_empty() {
                 return ([0.0; 3], [0.0; 3], 0);
             }
-            (robust_minimum(samples, SAMPLE_SIGMA).value, median(samples), samples.len() as u32)
+            (
+                robust_minimum(samples, SAMPLE_SIGMA).value,
+                median(samples),
+                samples.len() as u32,
+            )
         })
         .collect();
     let mut colors = VertexColors::default();

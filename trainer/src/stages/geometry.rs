@@ -77,7 +77,11 @@ pub fn build(
 ) -> anyhow::Result<Geometry> {
     let camera = &recording.depth_camera().intrinsics;
     let range = recording.depth_camera().depth_range.clone();
-    let origin = frames.iter().map(|f| f.world_from_camera.translation()).sum::<DVec3>() / frames.len() as f64;
+    let origin = frames
+        .iter()
+        .map(|f| f.world_from_camera.translation())
+        .sum::<DVec3>()
+        / frames.len() as f64;
     let config = VolumeConfig {
         voxel_size,
         min_depth: *range.start(),
@@ -127,7 +131,11 @@ pub fn build(
         normal_rounds,
         reflection_blur_deg: 2.0 * normal_noise_deg,
     };
-    Ok(Geometry { normal_sigma: noise.sigma, mesh, summary })
+    Ok(Geometry {
+        normal_sigma: noise.sigma,
+        mesh,
+        summary,
+    })
 }
 
 struct Fit {
@@ -172,5 +180,10 @@ fn judge_fit(recording: &Recording, frames: &[PosedFrame], mesh: &Mesh) -> anyho
 fn depth_view(recording: &Recording, mesh: &Mesh, frame: &PosedFrame) -> VisibilityBuffer {
     let mut pose = frame.world_from_camera;
     pose = geometry::Pose::from_translation(-mesh.origin) * pose;
-    rasterise(&mesh.positions, &mesh.triangles, &recording.depth_camera().intrinsics, &pose)
+    rasterise(
+        &mesh.positions,
+        &mesh.triangles,
+        &recording.depth_camera().intrinsics,
+        &pose,
+    )
 }

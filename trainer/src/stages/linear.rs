@@ -1,5 +1,7 @@
 //! Stage `linear`: D and the SRM solved jointly from all pixels that reflect.
 
+use std::collections::BTreeMap;
+
 use clap::ValueEnum;
 use geometry::PanoramaSize;
 use serde::{Deserialize, Serialize};
@@ -98,6 +100,8 @@ pub struct SegmentSummary {
     pub joint_error: f64,
     /// Whether it keeps S.
     pub is_specular: bool,
+    /// What it reflects of the map over the common gain; 1 where it was not measured.
+    pub relative_gain: f32,
 }
 
 /// The solved stage.
@@ -125,7 +129,10 @@ const CHOICE_STEP: usize = 3;
 
 /// Solver settings of the choices: they rank, and need fewer steps than the result.
 fn choice_settings() -> JointSettings {
-    let mut settings = JointSettings { rounds: 2, ..JointSettings::default() };
+    let mut settings = JointSettings {
+        rounds: 2,
+        ..JointSettings::default()
+    };
     settings.solver.steps = 40;
     settings.solver.passes = 1;
     settings
@@ -165,8 +172,18 @@ pub fn solve(
     let dropped: usize = observations.iter().map(|frame| frame.dropped_count).sum();
     let dropped_fraction = dropped as f64 / object_count.max(1) as f64;
     if rows.is_empty() {
-        let sentence = "nothing specular was found: no part of the surface stands out from its planes";
-        return Ok(black(surface, colors, panorama, sentence, order, dropped_fraction, &[], &[]));
+        let sentence =
+            "nothing specular was found: no part of the surface stands out from its planes";
+        return Ok(black(
+            surface,
+            colors,
+            panorama,
+            sentence,
+            order,
+            dropped_fraction,
+            &[],
+            &[],
+        ));
     }
     let per_vertex = |rows: &Rows| rows.len() as f64 / vertices.full.len().max(1) as f64;
     let mut position = 0_usize;
@@ -176,44 +193,95 @@ pub fn solve(
     });
     let scale = per_vertex(&sparse) / STATED_ROWS_PER_VERTEX;
     let weights = WEIGHTS.map(|weight| weight * scale);
-    let choice =
-        selection::choose(&sparse, vertices.full.len(), panorama, &choice_settings(), &weights)?;
+    let choice = selection::choose(
+        &sparse,
+        vertices.full.len(),
+        panorama,
+        &choice_settings(),
+        &weights,
+    )?;
     let trials: Vec<TrialSummary> = choice
         .trials
         .iter()
-        .map(|WeightTrial { weight, error, .. }| TrialSummary { weight: weight / scale, error: *error })
+        .map(|WeightTrial { weight, error, .. }| TrialSummary {
+            weight: weight / scale,
+            error: *error,
+        })
         .collect();
-    let segments: Vec<SegmentSummary> = choice.segments.iter().map(segment_summary).collect();
-    let specular_segments: Vec<u16> = segments.iter().filter(|s| s.is_specular).map(|s| s.id).collect();
+    let mut segments: Vec<SegmentSummary> = choice.segments.iter().map(segment_summary).collect();
+    let specular_segments: Vec<u16> = segments
+        .iter()
+        .filter(|s| s.is_specular)
+        .map(|s| s.id)
+        .collect();
     if specular_segments.is_empty() {
-        let sentence = "nothing specular was found: a matte texture explains every part of the object as well";
-        return Ok(black(surface, colors, panorama, sentence, order, dropped_fraction, &trials, &segments));
+        let sentence =
+            "nothing specular was found: a matte texture explains every part of the object as well";
+        return Ok(black(
+            surface,
+            colors,
+            panorama,
+            sentence,
+            order,
+            dropped_fraction,
+            &trials,
+            &segments,
+        ));
     }
     let shiny = rows.filtered(|row| specular_segments.contains(&row.segment));
     let diffuse_weight = choice.weight / scale;
     let solved_weight = diffuse_weight * per_vertex(&shiny) / STATED_ROWS_PER_VERTEX;
-    let minimum = || vertices.full.iter().map(|&v| colors.robust_minimum[v as usize]).collect();
+    let minimum = || {
+        vertices
+            .full
+            .iter()
+            .map(|&v| colors.robust_minimum[v as usize])
+            .collect()
+    };
     let settings = JointSettings {
         diffuse: match order {
-            DiffuseOrder::Joint => DiffuseTreatment::PulledToZero { weight: solved_weight },
-            DiffuseOrder::MinimumPrior => {
-                DiffuseTreatment::PulledTo { values: minimum(), weight: solved_weight }
-            }
+            DiffuseOrder::Joint => DiffuseTreatment::PulledToZero {
+                weight: solved_weight,
+            },
+            DiffuseOrder::MinimumPrior => DiffuseTreatment::PulledTo {
+                values: minimum(),
+                weight: solved_weight,
+            },
             DiffuseOrder::MinimumFixed => DiffuseTreatment::Fixed { values: minimum() },
         },
         ..JointSettings::default()
     };
     let problem = Problem::new(shiny, vertices.full.len(), panorama)?;
     let split = problem.solve(&settings);
-    let solution = match order {
-        DiffuseOrder::Joint | DiffuseOrder::MinimumPrior => problem.refit_diffuse(&split, &settings),
-        DiffuseOrder::MinimumFixed => split,
+    let offset = problem.offset_condition(&split, &settings, choice.held_out_sigma);
+    let confidence = problem.confidence(
+        &split,
+        settings.smoothness,
+        choice.held_out_sigma,
+        offset.is_observed(),
+    );
+    let (solution, gains) = match order {
+        DiffuseOrder::Joint | DiffuseOrder::MinimumPrior => {
+            let gains = problem.segment_gains(&split);
+            (
+                problem
+                    .with_segment_gains(&gains)
+                    .refit_diffuse(&split, &settings),
+                gains,
+            )
+        }
+        DiffuseOrder::MinimumFixed => (split, BTreeMap::new()),
     };
-    let offset = problem.offset_condition(&solution, &settings, choice.held_out_sigma);
-    let confidence = problem.confidence(&solution, settings.smoothness, choice.held_out_sigma, offset.is_observed());
+    for segment in &mut segments {
+        segment.relative_gain = gains.get(&segment.id).map_or(1.0, |&gain| gain as f32);
+    }
     let share = |count: usize| count as f64 / problem.rows().len() as f64;
     let clipped = problem.rows().iter().filter(|row| row.clipped != 0).count();
-    let occluded = problem.rows().iter().filter(|row| row.taps == [0.0; 4]).count();
+    let occluded = problem
+        .rows()
+        .iter()
+        .filter(|row| row.taps == [0.0; 4])
+        .count();
     let claimed = confidence.confidence.iter().filter(|&&c| c >= 0.5).count();
     let texel_count = panorama.texel_count() as f64;
     let summary = LinearSummary {
@@ -235,7 +303,12 @@ pub fn solve(
         offset_data_fraction: offset.data_fraction,
         offset_observed: offset.is_observed(),
         component_count: offset.component_count,
-        mean_confidence: confidence.confidence.iter().map(|&c| f64::from(c)).sum::<f64>() / texel_count,
+        mean_confidence: confidence
+            .confidence
+            .iter()
+            .map(|&c| f64::from(c))
+            .sum::<f64>()
+            / texel_count,
         claimed_fraction: claimed as f64 / texel_count,
         kkt_violation: solution.report.kkt_violation,
         relative_residual: solution.report.relative_residual,
@@ -243,7 +316,14 @@ pub fn solve(
     Ok(Linear {
         specular_map: problem.filled(&solution.specular),
         confidence,
-        diffuse: full_diffuse(surface, colors, &vertices, &solution, &problem, &specular_segments),
+        diffuse: full_diffuse(
+            surface,
+            colors,
+            &vertices,
+            &solution,
+            &problem,
+            &specular_segments,
+        ),
         specular_segments,
         panorama,
         summary,
@@ -251,9 +331,16 @@ pub fn solve(
 }
 
 fn sentence(offset: &srm::offset::OffsetCondition, segment_count: usize) -> String {
-    let parts = if segment_count == 1 { "1 shiny part".to_owned() } else { format!("{segment_count} shiny parts") };
+    let parts = if segment_count == 1 {
+        "1 shiny part".to_owned()
+    } else {
+        format!("{segment_count} shiny parts")
+    };
     if offset.is_observed() {
-        format!("{parts}; the offset of the map is fixed by the data (sigma {:.3})", offset.sigma)
+        format!(
+            "{parts}; the offset of the map is fixed by the data (sigma {:.3})",
+            offset.sigma
+        )
     } else {
         format!(
             "{parts}; the offset of the map is not observed (sigma {:.3}, {:.0} % from data): it is the largest \
@@ -270,6 +357,7 @@ fn segment_summary(verdict: &SegmentVerdict) -> SegmentSummary {
         diffuse_error: verdict.diffuse_error,
         joint_error: verdict.joint_error,
         is_specular: verdict.is_specular,
+        relative_gain: 1.0,
     }
 }
 
@@ -303,7 +391,8 @@ fn row(
     let (tap_weights, known) = match &pixel.first_bounce {
         None => (taps.weights.map(|w| w * GAIN), [0.0; 3]),
         Some(bounce) => {
-            let [a, b, c] = surface.triangles[bounce.triangle as usize].map(|v| colors.median[v as usize]);
+            let [a, b, c] =
+                surface.triangles[bounce.triangle as usize].map(|v| colors.median[v as usize]);
             let radiance = [0, 1, 2]
                 .map(|i| a[i] * (1.0 - bounce.u - bounce.v) + b[i] * bounce.u + c[i] * bounce.v);
             ([0.0; 4], radiance.map(|value| value * GAIN))

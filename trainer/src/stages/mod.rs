@@ -11,7 +11,9 @@ pub mod poses;
 #[derive(Debug, thiserror::Error)]
 pub enum Refusal {
     /// The recording has no poses of the wanted set.
-    #[error("the recording has no poses named `{0}`: import it with poses, or name another set with --poses")]
+    #[error(
+        "the recording has no poses named `{0}`: import it with poses, or name another set with --poses"
+    )]
     NoPoses(String),
     /// Too few frames to train from.
     #[error("only {0} training frames have a pose; at least 10 are needed")]
@@ -28,6 +30,8 @@ pub enum Refusal {
         least: f64,
     },
     /// Fusion gave no surface.
-    #[error("fusion of {0} frames gave no surface; check the depth scale and the range of the recording")]
+    #[error(
+        "fusion of {0} frames gave no surface; check the depth scale and the range of the recording"
+    )]
     NoSurface(usize),
 }

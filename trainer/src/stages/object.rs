@@ -98,7 +98,12 @@ fn vertex_areas(mesh: &Mesh, triangle_areas: &[f32]) -> Vec<f32> {
 }
 
 /// The best plane through the vertices that are still `free`, by area, refined by least squares.
-fn best_plane(mesh: &Mesh, areas: &[f32], free: &[u32], rng: &mut rand_pcg::Pcg64) -> Option<(Vec3, f32, f32)> {
+fn best_plane(
+    mesh: &Mesh,
+    areas: &[f32],
+    free: &[u32],
+    rng: &mut rand_pcg::Pcg64,
+) -> Option<(Vec3, f32, f32)> {
     // A subset is enough to vote; the winner is measured on all.
     let step = (free.len() / 20_000).max(1);
     let voters: Vec<u32> = free.iter().copied().step_by(step).collect();
@@ -108,14 +113,19 @@ fn best_plane(mesh: &Mesh, areas: &[f32], free: &[u32], rng: &mut rand_pcg::Pcg6
             && normal.dot(mesh.normals[index]) > PLANE_COSINE
     };
     let area_of = |normal: Vec3, offset: f32, vertices: &[u32]| -> f32 {
-        vertices.iter().filter(|&&v| supports(normal, offset, v)).map(|&v| areas[v as usize]).sum()
+        vertices
+            .iter()
+            .filter(|&&v| supports(normal, offset, v))
+            .map(|&v| areas[v as usize])
+            .sum()
     };
     let mut best = (Vec3::ZERO, 0.0_f32, 0.0_f32);
     for _ in 0..PLANE_TRIALS {
-        let [a, b, c] = [(); 3].map(|()| {
-            mesh.positions[voters[rng.random_range(0..voters.len())] as usize]
-        });
-        let Some(normal) = (b - a).cross(c - a).try_normalize() else { continue };
+        let [a, b, c] =
+            [(); 3].map(|()| mesh.positions[voters[rng.random_range(0..voters.len())] as usize]);
+        let Some(normal) = (b - a).cross(c - a).try_normalize() else {
+            continue;
+        };
         for normal in [normal, -normal] {
             let offset = normal.dot(a);
             let area = area_of(normal, offset, &voters);
@@ -129,7 +139,11 @@ fn best_plane(mesh: &Mesh, areas: &[f32], free: &[u32], rng: &mut rand_pcg::Pcg6
     }
     let (mut normal, mut offset, _) = best;
     for _ in 0..3 {
-        let inliers: Vec<u32> = free.iter().copied().filter(|&v| supports(normal, offset, v)).collect();
+        let inliers: Vec<u32> = free
+            .iter()
+            .copied()
+            .filter(|&v| supports(normal, offset, v))
+            .collect();
         let (refined_normal, refined_offset) = fit_plane(mesh, areas, &inliers, normal)?;
         (normal, offset) = (refined_normal, refined_offset);
     }
@@ -142,8 +156,18 @@ fn fit_plane(mesh: &Mesh, areas: &[f32], vertices: &[u32], guess: Vec3) -> Optio
     if !(weight > 0.0) {
         return None;
     }
-    let weighted = |v: u32| (mesh.positions[v as usize].as_dvec3(), f64::from(areas[v as usize]));
-    let mean = vertices.iter().map(|&v| weighted(v)).map(|(p, w)| p * w).sum::<glam::DVec3>() / weight;
+    let weighted = |v: u32| {
+        (
+            mesh.positions[v as usize].as_dvec3(),
+            f64::from(areas[v as usize]),
+        )
+    };
+    let mean = vertices
+        .iter()
+        .map(|&v| weighted(v))
+        .map(|(p, w)| p * w)
+        .sum::<glam::DVec3>()
+        / weight;
     let mut scatter = glam::DMat3::ZERO;
     for &vertex in vertices {
         let (position, w) = weighted(vertex);
@@ -152,7 +176,8 @@ fn fit_plane(mesh: &Mesh, areas: &[f32], vertices: &[u32], guess: Vec3) -> Optio
     }
     // The normal belongs to the smallest eigenvalue; a small shift keeps a perfect plane invertible.
     let trace = scatter.x_axis.x + scatter.y_axis.y + scatter.z_axis.z;
-    let inverse = (scatter + glam::DMat3::from_diagonal(glam::DVec3::splat(1e-6 * trace))).inverse();
+    let inverse =
+        (scatter + glam::DMat3::from_diagonal(glam::DVec3::splat(1e-6 * trace))).inverse();
     let mut normal = guess.as_dvec3();
     for _ in 0..8 {
         normal = (inverse * normal).try_normalize()?;
@@ -174,7 +199,9 @@ pub fn find_object(mesh: &Mesh, inside: Option<&WorldBox>, seed: u64) -> ObjectP
     let mut planes = Vec::new();
     let mut free: Vec<u32> = (0..mesh.positions.len() as u32).collect();
     while planes.len() < MOST_PLANES && free.len() > 100 {
-        let Some((normal, offset, area)) = best_plane(mesh, &areas, &free, &mut rng) else { break };
+        let Some((normal, offset, area)) = best_plane(mesh, &areas, &free, &mut rng) else {
+            break;
+        };
         if area < LEAST_PLANE_AREA * total {
             break;
         }
@@ -196,7 +223,11 @@ pub fn find_object(mesh: &Mesh, inside: Option<&WorldBox>, seed: u64) -> ObjectP
         }
     }
     let (segments, vertex_segment) = segments(mesh, &areas, &on_plane);
-    ObjectParts { planes, segments, vertex_segment }
+    ObjectParts {
+        planes,
+        segments,
+        vertex_segment,
+    }
 }
 
 /// Connected parts of what is not left out, largest first; crumbs are dropped.
@@ -219,15 +250,20 @@ fn segments(mesh: &Mesh, areas: &[f32], left_out: &[bool]) -> (Vec<Segment>, Vec
             part.1 += mesh.positions[vertex as usize].as_dvec3() * area;
         }
     }
-    let mut order: Vec<(u32, f64, glam::DVec3)> =
-        parts.into_iter().map(|(root, (area, moment))| (root, area, moment / area.max(1e-12))).collect();
+    let mut order: Vec<(u32, f64, glam::DVec3)> = parts
+        .into_iter()
+        .map(|(root, (area, moment))| (root, area, moment / area.max(1e-12)))
+        .collect();
     order.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     let largest = order.first().map_or(0.0, |part| part.1);
     let least = f64::from(LEAST_SEGMENT_AREA).max(f64::from(LEAST_SEGMENT_SHARE) * largest);
     order.retain(|part| part.1 >= least);
     order.truncate(usize::from(u16::MAX) - 1);
-    let number: BTreeMap<u32, u16> =
-        order.iter().enumerate().map(|(position, part)| (part.0, position as u16 + 1)).collect();
+    let number: BTreeMap<u32, u16> = order
+        .iter()
+        .enumerate()
+        .map(|(position, part)| (part.0, position as u16 + 1))
+        .collect();
     let vertex_segment = (0..mesh.positions.len() as u32)
         .map(|vertex| {
             if left_out[vertex as usize] {

@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use geometry::{DVec3, Intrinsics, Pose};
 use glam::Vec3;
 use imaging::{Corrector, Radiance};
-use raytrace::{Hit, MirrorQuery, NO_TRIANGLE, Scene, VisibilityBuffer, visibility_buffer};
 use rayon::prelude::*;
+use raytrace::{Hit, MirrorQuery, NO_TRIANGLE, Scene, VisibilityBuffer, visibility_buffer};
 use sequence::Recording;
 
 use super::geometry::{depth_of, depth_tolerance};
@@ -126,18 +126,26 @@ impl ColorView {
             camera.height(),
             description.relative_exposure,
         );
-        Self { camera, corrector, color_from_depth: recording.color_from_depth() }
+        Self {
+            camera,
+            corrector,
+            color_from_depth: recording.color_from_depth(),
+        }
     }
 
     /// The colour camera's pose in the surface's axes, from the pose of the depth camera.
     pub fn surface_from_color(&self, surface: &Surface, world_from_depth: &Pose) -> Pose {
-        Pose::from_translation(-surface.origin) * *world_from_depth * self.color_from_depth.inverse()
+        Pose::from_translation(-surface.origin)
+            * *world_from_depth
+            * self.color_from_depth.inverse()
     }
 
     /// Linear radiance of a frame.
     pub fn radiance(&self, recording: &Recording, index: usize) -> anyhow::Result<Radiance> {
         let codes = recording.color(index)?;
-        Ok(self.corrector.correct(&codes, recording.color_is_subsampled(index)?))
+        Ok(self
+            .corrector
+            .correct(&codes, recording.color_is_subsampled(index)?))
     }
 }
 
@@ -171,9 +179,18 @@ impl Surface {
         if cosine < least_cosine || geometric_normal.dot(outgoing) <= 0.0 {
             return None;
         }
-        let reflection =
-            self.mirror.reflect(&self.scene, position, geometric_normal, shading_normal, outgoing);
-        Some(Mirrored { cosine, direction: reflection.direction, first_bounce: reflection.first_bounce })
+        let reflection = self.mirror.reflect(
+            &self.scene,
+            position,
+            geometric_normal,
+            shading_normal,
+            outgoing,
+        );
+        Some(Mirrored {
+            cosine,
+            direction: reflection.direction,
+            first_bounce: reflection.first_bounce,
+        })
     }
 }
 
@@ -214,8 +231,15 @@ pub fn observe(
         .par_iter()
         .enumerate()
         .map(|(position, frame)| {
-            let result =
-                observe_frame(recording, view, surface, normal_sigma, frame, position as u32, rules);
+            let result = observe_frame(
+                recording,
+                view,
+                surface,
+                normal_sigma,
+                frame,
+                position as u32,
+                rules,
+            );
             progress(done.fetch_add(1, Ordering::Relaxed) + 1, frames.len());
             result
         })
@@ -234,22 +258,40 @@ fn observe_frame(
     let radiance = view.radiance(recording, frame.index)?;
     let depth = depth_of(recording, frame.index)?;
     let pose = view.surface_from_color(surface, &frame.world_from_camera);
-    let buffer =
-        visibility_buffer(&surface.scene, &surface.positions, &surface.triangles, &view.camera, &pose);
+    let buffer = visibility_buffer(
+        &surface.scene,
+        &surface.positions,
+        &surface.triangles,
+        &view.camera,
+        &pose,
+    );
     let (width, height) = (view.camera.width(), view.camera.height());
     let eye = pose.translation().as_vec3();
-    let mut result = FrameObservations { frame: frame.index as u32, ..FrameObservations::default() };
-    let offset = (position % rules.stride, (position / rules.stride) % rules.stride);
+    let mut result = FrameObservations {
+        frame: frame.index as u32,
+        ..FrameObservations::default()
+    };
+    let offset = (
+        position % rules.stride,
+        (position / rules.stride) % rules.stride,
+    );
     let grid_width = width.div_ceil(rules.stride) as usize;
     let grid_height = height.div_ceil(rules.stride) as usize;
     // Per grid cell: 0 = no reflecting pixel, 1 = free view, 2 = first bounce.
     let mut visibility = vec![0_u8; grid_width * grid_height];
     let mut cells = Vec::new();
-    for (row, y) in (offset.1..height).step_by(rules.stride as usize).enumerate() {
+    for (row, y) in (offset.1..height)
+        .step_by(rules.stride as usize)
+        .enumerate()
+    {
         for (column, x) in (offset.0..width).step_by(rules.stride as usize).enumerate() {
             let index = (y * width + x) as usize;
-            let Some(hit) = hit_at(&buffer, index) else { continue };
-            if radiance.invalid.at(x, y) || !agrees_with_depth(surface, view, recording, &depth, &hit, &pose) {
+            let Some(hit) = hit_at(&buffer, index) else {
+                continue;
+            };
+            if radiance.invalid.at(x, y)
+                || !agrees_with_depth(surface, view, recording, &depth, &hit, &pose)
+            {
                 continue;
             }
             let linear = radiance.linear.at(x, y);
@@ -264,17 +306,25 @@ fn observe_frame(
             };
             let sure = is_interior(&buffer, surface, x, y, rules.erosion);
             if sure {
-                result.samples.push(VertexSample { vertex: nearest, frame: result.frame, linear, saturated });
+                result.samples.push(VertexSample {
+                    vertex: nearest,
+                    frame: result.frame,
+                    linear,
+                    saturated,
+                });
             }
             let segment = surface.segment(hit.triangle);
             if segment == 0 {
                 continue;
             }
             result.object_count += 1;
-            let normal_is_sure = [a, b, c]
-                .iter()
-                .all(|&v| normal_sigma.get(v as usize).is_none_or(|&s| s <= rules.largest_normal_sigma));
-            let mirrored = (sure && normal_is_sure).then(|| surface.mirror(&hit, eye, rules.least_cosine));
+            let normal_is_sure = [a, b, c].iter().all(|&v| {
+                normal_sigma
+                    .get(v as usize)
+                    .is_none_or(|&s| s <= rules.largest_normal_sigma)
+            });
+            let mirrored =
+                (sure && normal_is_sure).then(|| surface.mirror(&hit, eye, rules.least_cosine));
             let Some(mirrored) = mirrored.flatten() else {
                 result.dropped_count += 1;
                 continue;
@@ -324,15 +374,21 @@ fn agrees_with_depth(
     surface_from_color: &Pose,
 ) -> bool {
     let point = surface.interpolate(&surface.positions, hit).as_dvec3();
-    let in_depth =
-        view.color_from_depth.inverse().transform_point(surface_from_color.inverse().transform_point(point));
+    let in_depth = view
+        .color_from_depth
+        .inverse()
+        .transform_point(surface_from_color.inverse().transform_point(point));
     let camera = &recording.depth_camera().intrinsics;
-    let Some((x, y)) = camera.pixel_from_camera(in_depth).and_then(|pixel| camera.contains(pixel)) else {
+    let Some((x, y)) = camera
+        .pixel_from_camera(in_depth)
+        .and_then(|pixel| camera.contains(pixel))
+    else {
         return true;
     };
     let measured = depth.at(x, y);
     let expected = in_depth.z as f32;
-    !imaging::is_measured(measured) || (measured - expected).abs() <= 3.0 * depth_tolerance(expected)
+    !imaging::is_measured(measured)
+        || (measured - expected).abs() <= 3.0 * depth_tolerance(expected)
 }
 
 /// Whether all pixels within `radius` (eight directions, at `radius` and half of it) see the same segment
@@ -343,7 +399,18 @@ fn is_interior(buffer: &VisibilityBuffer, surface: &Surface, x: u32, y: u32, rad
     let segment = surface.segment(buffer.triangle[index]);
     let depth = buffer.depth[index];
     let r = i64::from(radius);
-    for (dx, dy) in [(r, 0), (-r, 0), (0, r), (0, -r), (r, r), (-r, r), (r, -r), (-r, -r), (1, 0), (0, 1)] {
+    for (dx, dy) in [
+        (r, 0),
+        (-r, 0),
+        (0, r),
+        (0, -r),
+        (r, r),
+        (-r, r),
+        (r, -r),
+        (-r, -r),
+        (1, 0),
+        (0, 1),
+    ] {
         let (nx, ny) = (i64::from(x) + dx, i64::from(y) + dy);
         if nx < 0 || ny < 0 || nx >= width || ny >= height {
             return false;

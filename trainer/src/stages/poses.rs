@@ -20,7 +20,9 @@ const FEWEST_FRAMES: usize = 10;
 /// The training frames of `recording` with their poses of `set`, in order. Test and unused frames never
 /// leave this function.
 pub fn training_frames(recording: &Recording, set: &str) -> Result<Vec<PosedFrame>, Refusal> {
-    let poses = recording.poses(set).ok_or_else(|| Refusal::NoPoses(set.to_owned()))?;
+    let poses = recording
+        .poses(set)
+        .ok_or_else(|| Refusal::NoPoses(set.to_owned()))?;
     let frames: Vec<PosedFrame> = recording
         .split()
         .train
@@ -28,7 +30,10 @@ pub fn training_frames(recording: &Recording, set: &str) -> Result<Vec<PosedFram
         .map(|&index| index as usize)
         .filter_map(|index| {
             let world_from_camera = poses.get(index).copied().flatten()?;
-            Some(PosedFrame { index, world_from_camera })
+            Some(PosedFrame {
+                index,
+                world_from_camera,
+            })
         })
         .collect();
     if frames.len() < FEWEST_FRAMES {
@@ -39,7 +44,8 @@ pub fn training_frames(recording: &Recording, set: &str) -> Result<Vec<PosedFram
 
 /// Poses as TUM text: `timestamp tx ty tz qx qy qz qw`.
 pub fn tum_text(recording: &Recording, frames: &[PosedFrame]) -> String {
-    let mut text = String::from("# timestamp tx ty tz qx qy qz qw (world from camera; metres, seconds)\n");
+    let mut text =
+        String::from("# timestamp tx ty tz qx qy qz qw (world from camera; metres, seconds)\n");
     for frame in frames {
         let nanos = recording.time_nanos(frame.index);
         let t = frame.world_from_camera.translation();

@@ -33,8 +33,14 @@ struct Sphere {
 }
 
 const SPHERES: [Sphere; 2] = [
-    Sphere { center: Vec3::new(-0.07, -0.065, 0.0), radius: 0.065 },
-    Sphere { center: Vec3::new(0.075, -0.055, 0.03), radius: 0.055 },
+    Sphere {
+        center: Vec3::new(-0.07, -0.065, 0.0),
+        radius: 0.065,
+    },
+    Sphere {
+        center: Vec3::new(0.075, -0.055, 0.03),
+        radius: 0.055,
+    },
 ];
 /// Half width of the table, metres.
 const TABLE: f32 = 0.4;
@@ -80,7 +86,12 @@ struct Studio {
 impl Studio {
     fn new(finish: Finish) -> Self {
         let corner = |x: f32, z: f32| Vec3::new(x * TABLE, 0.0, z * TABLE);
-        let mut positions = vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
+        let mut positions = vec![
+            corner(-1.0, -1.0),
+            corner(1.0, -1.0),
+            corner(1.0, 1.0),
+            corner(-1.0, 1.0),
+        ];
         let mut triangles = vec![[0, 1, 2], [0, 2, 3]];
         let mut first_triangle = Vec::new();
         for sphere in &SPHERES {
@@ -88,7 +99,13 @@ impl Studio {
             push_sphere(sphere, &mut positions, &mut triangles);
         }
         let scene = Scene::new(&positions, &triangles).unwrap();
-        Self { positions, triangles, first_triangle, scene, finish }
+        Self {
+            positions,
+            triangles,
+            first_triangle,
+            scene,
+            finish,
+        }
     }
 
     fn position(&self, hit: &Hit) -> Vec3 {
@@ -97,7 +114,10 @@ impl Studio {
     }
 
     fn sphere_of(&self, triangle: u32) -> Option<&'static Sphere> {
-        let index = self.first_triangle.iter().rposition(|&first| triangle >= first)?;
+        let index = self
+            .first_triangle
+            .iter()
+            .rposition(|&first| triangle >= first)?;
         Some(&SPHERES[index])
     }
 
@@ -106,13 +126,19 @@ impl Studio {
         let position = self.position(hit);
         let Some(sphere) = self.sphere_of(hit.triangle) else {
             let odd = ((position.x * 25.0).floor() + (position.z * 25.0).floor()) as i64 % 2 != 0;
-            return if odd { [0.45, 0.4, 0.33] } else { [0.3, 0.32, 0.36] };
+            return if odd {
+                [0.45, 0.4, 0.33]
+            } else {
+                [0.3, 0.32, 0.36]
+            };
         };
         let normal = (position - sphere.center) / sphere.radius;
         // Soft blobs of ink on black: no edge is finer than a few voxels, and black is what fixes the offset.
         let wave = |phase: f32| {
             let [x, y, z] = normal.to_array();
-            ((7.0 * x + phase).sin() * (6.0 * y + 2.0 * phase).sin() + (8.0 * z - phase).sin() * 0.5).max(0.0)
+            ((7.0 * x + phase).sin() * (6.0 * y + 2.0 * phase).sin()
+                + (8.0 * z - phase).sin() * 0.5)
+                .max(0.0)
         };
         let albedo = [wave(0.3), wave(1.7), wave(4.0)].map(|w| 0.02 + 0.4 * w);
         match self.finish {
@@ -129,7 +155,8 @@ impl Studio {
         let position = self.position(hit);
         let normal = (position - sphere.center).normalize();
         let outgoing = (eye - position).normalize();
-        let reflection = MirrorQuery::for_exact().reflect(&self.scene, position, normal, normal, outgoing);
+        let reflection =
+            MirrorQuery::for_exact().reflect(&self.scene, position, normal, normal, outgoing);
         let seen = match &reflection.first_bounce {
             Some(bounce) => self.diffuse(bounce),
             None => room(reflection.direction.as_dvec3()),
@@ -145,7 +172,11 @@ fn push_sphere(sphere: &Sphere, positions: &mut Vec<Vec3>, triangles: &mut Vec<[
         let polar = std::f32::consts::PI * ring as f32 / RINGS as f32;
         for sector in 0..sectors {
             let around = std::f32::consts::TAU * sector as f32 / sectors as f32;
-            let normal = Vec3::new(polar.sin() * around.cos(), -polar.cos(), polar.sin() * around.sin());
+            let normal = Vec3::new(
+                polar.sin() * around.cos(),
+                -polar.cos(),
+                polar.sin() * around.sin(),
+            );
             positions.push(sphere.center + sphere.radius * normal);
         }
     }
@@ -207,8 +238,13 @@ pub(crate) fn film(finish: Finish) -> Vec<Frame> {
         .iter()
         .enumerate()
         .map(|(index, pose)| {
-            let buffer =
-                visibility_buffer(&studio.scene, &studio.positions, &studio.triangles, &camera, pose);
+            let buffer = visibility_buffer(
+                &studio.scene,
+                &studio.positions,
+                &studio.triangles,
+                &camera,
+                pose,
+            );
             let eye = pose.translation().as_vec3();
             let at = |x: u32, y: u32| (y * camera.width() + x) as usize;
             let color = Image::from_fn(camera.width(), camera.height(), |x, y| {
@@ -227,7 +263,11 @@ pub(crate) fn film(finish: Finish) -> Vec<Frame> {
             let depth = Image::from_fn(camera.width(), camera.height(), |x, y| {
                 (buffer.depth[at(x, y)] * 1000.0).round() as u16
             });
-            Frame { time_nanos: index as i64 * 100_000_000, depth, color }
+            Frame {
+                time_nanos: index as i64 * 100_000_000,
+                depth,
+                color,
+            }
         })
         .collect()
 }
@@ -243,7 +283,9 @@ pub(crate) fn write(path: &Path, frames: &[Frame], poses: &[Pose]) {
     for frame in frames {
         let depth = encode_png_gray16(&frame.depth).unwrap();
         let color = encode_png_rgb8(&frame.color).unwrap();
-        writer.write_frame(frame.time_nanos, &depth, &color).unwrap();
+        writer
+            .write_frame(frame.time_nanos, &depth, &color)
+            .unwrap();
     }
     let source = PoseSet {
         name: "source".to_owned(),
