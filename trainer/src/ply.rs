@@ -101,7 +101,7 @@ fn from_bytes(bytes: &[u8]) -> anyhow::Result<PlyMesh> {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words.as_slice() {
             ["comment", "origin", x, y, z] => {
-                mesh.origin = DVec3::new(x.parse()?, y.parse()?, z.parse()?)
+                mesh.origin = DVec3::new(x.parse()?, y.parse()?, z.parse()?);
             }
             ["element", "vertex", count] => vertex_count = count.parse()?,
             ["element", "face", count] => face_count = count.parse()?,

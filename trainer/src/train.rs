@@ -138,7 +138,7 @@ pub fn train(
     let (geometry, parts) = stages.run("geometry", |progress| {
         let voxel_size = (config.voxel_mm * 1e-3) as f32;
         let geometry = geometry::build(&recording, &frames, voxel_size, &mut |done, of| {
-            progress.step(done, of)
+            progress.step(done, of);
         })?;
         let parts = find_object(&geometry.mesh, config.object_box.as_ref(), config.seed);
         write_geometry(folder, &geometry, &parts)?;

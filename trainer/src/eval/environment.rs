@@ -367,11 +367,11 @@ mod tests {
     #[test]
     fn the_lobe_kernel_equals_its_definition() {
         for alpha in [0.02, 0.1, 0.5] {
-            for theta in [0.0, 0.01, 0.3, 1.2] {
-                let x = 0.5 * theta as f64;
+            for theta in [0.0_f64, 0.01, 0.3, 1.2] {
+                let x = 0.5 * theta;
                 let d = 1.0 / (x.cos().powi(4) * (1.0 + x.tan().powi(2) / (alpha * alpha)).powi(2));
-                let expected = d * (theta as f64).cos();
-                assert!((lobe_kernel((theta as f64).cos(), alpha) / expected - 1.0).abs() < 1e-9);
+                let expected = d * theta.cos();
+                assert!((lobe_kernel(theta.cos(), alpha) / expected - 1.0).abs() < 1e-9);
             }
         }
     }

@@ -54,9 +54,7 @@ impl Model {
         let median = ply::from_file(&folder.path(MEDIAN_FILE))?;
         anyhow::ensure!(
             median.linear.len() == solved.linear.len(),
-            "{} and {} are not of one mesh",
-            LINEAR_DIFFUSE_FILE,
-            MEDIAN_FILE
+            "{LINEAR_DIFFUSE_FILE} and {MEDIAN_FILE} are not of one mesh"
         );
         let summary: LinearSummary = folder.read_json("linear/summary.json")?;
         let geometry: GeometrySummary = folder.read_json("geometry/summary.json")?;
