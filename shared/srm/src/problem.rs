@@ -9,9 +9,12 @@ use rayon::prelude::*;
 /// Three channels of one unknown.
 pub type Rgb = [f64; 3];
 
-/// Rows are cut into this many tiles whatever the number of threads, and tiles are summed in order: the
-/// same bits for any thread count up to it.
-const TILE_COUNT: usize = 8;
+/// Rows are cut into at most this many tiles, and tiles are summed in order: the same bits for any number of
+/// threads.
+const MOST_TILES: usize = 8;
+/// A tile holds a vector of all unknowns; with fewer rows than this share of it, clearing and adding vectors
+/// would cost more than the rows.
+const LEAST_ROWS_A_TILE: f64 = 0.75;
 
 /// Entries of a vector that one task reduces at a time.
 const REDUCE_CHUNK: usize = 4096;
@@ -173,13 +176,23 @@ impl Problem {
         }
     }
 
+    /// Tiles of a sum over rows: 2, 4 or 8, by the size of the problem alone.
+    fn tile_count(&self) -> usize {
+        let tiles = self.rows.len() as f64 / (LEAST_ROWS_A_TILE * self.unknown_count() as f64);
+        let mut count = MOST_TILES;
+        while count > 2 && count as f64 > tiles {
+            count /= 2;
+        }
+        count
+    }
+
     /// Sums `contribution(row index, row, buffer)` over all rows in fixed tiles into one vector.
     fn accumulate<F>(&self, contribution: F) -> Vec<Rgb>
     where
         F: Fn(usize, &Row, &mut [Rgb]) + Sync,
     {
         let rows = self.rows.as_slice();
-        let tile_length = rows.len().div_ceil(TILE_COUNT).max(1);
+        let tile_length = rows.len().div_ceil(self.tile_count()).max(1);
         let tiles: Vec<Vec<Rgb>> = rows
             .par_chunks(tile_length)
             .enumerate()

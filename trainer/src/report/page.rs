@@ -17,6 +17,9 @@ use crate::stages::observe::ColorView;
 use crate::stages::poses::training_frames;
 use crate::train::{CONFIDENCE_FILE, ObjectSummary, SRM_FILE, TrainConfig};
 
+/// Confidence from which a texel is shown in the picture of everything reached.
+const LEAST_SHOWN: f32 = 0.02;
+
 const STYLE: &str = "
 :root{--ink:#1d2328;--soft:#5b666f;--line:#dcdfe1;--paper:#fbfaf7;--accent:#8a4b12}
 body{margin:0;background:var(--paper);color:var(--ink);font:15px/1.5 system-ui,sans-serif}
@@ -25,7 +28,7 @@ h1{font-size:26px;margin:0 0 4px}h2{font-size:18px;margin:34px 0 8px;border-bott
 p{margin:6px 0;max-width:76ch}.soft{color:var(--soft)}.lead{font-size:17px}
 img{max-width:100%;display:block;border-radius:3px}figure{margin:10px 0}figcaption{color:var(--soft);font-size:13px;margin-top:4px}
 .row{display:grid;grid-template-columns:repeat(auto-fit,minmax(220px,1fr));gap:12px}
-table{border-collapse:collapse;margin:8px 0;font-variant-numeric:tabular-nums}
+caption{caption-side:bottom;text-align:left;color:var(--soft);font-size:13px;padding-top:4px}table{border-collapse:collapse;margin:8px 0;font-variant-numeric:tabular-nums}
 th,td{text-align:right;padding:3px 14px 3px 0;border-bottom:1px solid var(--line)}th:first-child,td:first-child{text-align:left}
 th{font-weight:600;color:var(--soft);font-size:13px}.best{color:var(--accent);font-weight:600}
 .cols{display:grid;grid-template-columns:repeat(4,1fr);font-size:13px;color:var(--soft);text-align:center}
@@ -94,7 +97,7 @@ fn room(folder: &RunFolder, linear: &LinearSummary) -> anyhow::Result<Markup> {
     Ok(html! {
         h2 { "The room in the reflections" }
         figure {
-            (sharp_picture(&pictures::claimed_panorama(&map, &confidence.confidence, 1.0), "specular map")?)
+            (sharp_picture(&pictures::claimed_panorama(&map, &confidence.confidence, 0.5), "specular map")?)
             figcaption {
                 "Specular map, 500 x 250 texels of 0.72 degrees; the middle looks along +z, right of it is +x, the top is up. \
                  Faded to grey where the confidence is below one half. "
@@ -103,8 +106,8 @@ fn room(folder: &RunFolder, linear: &LinearSummary) -> anyhow::Result<Markup> {
         }
         div.row {
             figure {
-                (sharp_picture(&pictures::panorama(&map, 1.0), "whole specular map")?)
-                figcaption { "The whole map, what no pixel reflects filled from its neighbours." }
+                (sharp_picture(&pictures::claimed_panorama(&map, &confidence.confidence, LEAST_SHOWN), "whole specular map")?)
+                figcaption { "All that any pixel reflects, sure or not." }
             }
             figure {
                 (sharp_picture(&pictures::confidence(&confidence.confidence), "confidence")?)
@@ -168,7 +171,7 @@ fn shape(
         h2 { "Shape" }
         div.row { @for (image, caption) in &figures { figure { (image) figcaption { (caption) } } } }
         p {
-            (format!("{} frames fused at {} mm: {} triangles. ", geometry.frame_count, geometry.voxel_mm, geometry.triangle_count))
+            (format!("{} frames fused at {:.1} mm: {} triangles. ", geometry.frame_count, geometry.voxel_mm, geometry.triangle_count))
             (format!("{:.1} % of the measured depth lies on the surface (median {:.2} mm off). ",
                 100.0 * geometry.depth_fit_fraction, geometry.depth_residual_mm))
             (format!("Normals err by about {:.2} degrees after {} rounds of smoothing, which blurs a reflection by {:.2} degrees.",
@@ -176,7 +179,7 @@ fn shape(
         }
         p.soft { (format!("{} dominant planes left out. ", object.planes.len())) "No mask was given: each other part keeps reflections only where they predict held-out frames better." }
         table {
-            tr { th { "segment" } th { "area cm²" } th { "held-out error, D alone" } th { "D and S" } th { "verdict" } }
+            tr { th { "segment" } th { "area cm²" } th { "held-out error, D alone" } th { "D and S" } th { "share of map" } th { "verdict" } }
             @for segment in &object.segments {
                 @let judged = linear.segments.iter().find(|s| s.id == segment.id);
                 tr {
@@ -184,6 +187,7 @@ fn shape(
                     td { (format!("{:.0}", 1e4 * segment.area)) }
                     td { (judged.map_or_else(|| "-".to_owned(), |s| format!("{:.4}", s.diffuse_error))) }
                     td { (judged.map_or_else(|| "-".to_owned(), |s| format!("{:.4}", s.joint_error))) }
+                    td { (judged.filter(|s| s.is_specular).map_or_else(|| "-".to_owned(), |s| format!("{:.2}", s.relative_gain))) }
                     td { (judged.map_or("not seen well enough", |s| if s.is_specular { "shiny" } else { "matte" })) }
                 }
             }
@@ -282,9 +286,10 @@ fn solve(linear: &LinearSummary) -> Markup {
             @if !linear.offset_observed { "The offset is not observed by the data: a stated prior decides it." }
         }
         table {
+            caption { (format!("Taken: {:.2}, the largest within 5 % of the least error.", linear.diffuse_weight)) }
             tr { th { "pull of D to zero" } th { "held-out error" } }
             @for trial in &linear.weight_trials {
-                tr class=[(trial.weight == linear.diffuse_weight).then_some("best")] {
+                tr {
                     td { (format!("{:.2}", trial.weight)) } td { (format!("{:.5}", trial.error)) }
                 }
             }

@@ -12,16 +12,16 @@ const UNKNOWN: [f32; 3] = [0.5; 3];
 /// Colour behind a mesh.
 const BACKGROUND: [u8; 3] = [244, 244, 242];
 
-/// A panorama as a screen shows it: `gain` times the linear values, sRGB.
-pub(super) fn panorama(map: &LinearImage, gain: f32) -> Rgb8Image {
-    map.map(|linear| linear.map(|value| srgb8_from_linear(value * gain)))
+/// A panorama as a screen shows it, sRGB.
+fn panorama(map: &LinearImage) -> Rgb8Image {
+    map.map(|linear| linear.map(|value| srgb8_from_linear(value)))
 }
 
-/// A panorama faded to grey where its confidence is low.
-pub(super) fn claimed_panorama(map: &LinearImage, confidence: &Image<f32>, gain: f32) -> Rgb8Image {
-    let mut picture = panorama(map, gain);
+/// A panorama faded to grey where its confidence is below `full`.
+pub(super) fn claimed_panorama(map: &LinearImage, confidence: &Image<f32>, full: f32) -> Rgb8Image {
+    let mut picture = panorama(map);
     for (pixel, &c) in picture.pixels_mut().iter_mut().zip(confidence.pixels()) {
-        let keep = (c / 0.5).clamp(0.0, 1.0);
+        let keep = (c / full).clamp(0.0, 1.0);
         for (code, grey) in pixel.iter_mut().zip(UNKNOWN) {
             let faded = f32::from(*code) * keep + 255.0 * grey * (1.0 - keep);
             *code = faded.round().clamp(0.0, 255.0) as u8;
