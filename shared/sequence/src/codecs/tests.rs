@@ -1,0 +1,1 @@
+//! Hard cases and hostile input of the codecs.
