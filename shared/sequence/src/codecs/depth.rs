@@ -6,7 +6,7 @@ use super::error::pixel_count;
 use super::packer::{Packer, Unpacker};
 use super::range_coder::FLUSH_BYTES;
 use super::rvl;
-use super::table::{CodeTable, CodeTableDetector, MAX_CODES};
+use super::table::{CodeTable, CodeTableDetector, MAX_CODES, MIN_REPEATS};
 
 /// Bytes before the body of a payload: the codec, the table's id.
 const HEAD_BYTES: usize = 3;
@@ -242,7 +242,9 @@ impl Coding {
                 *code = 0;
             }
         }
-        let is_extended = self.table.extend(&self.new_values);
+        // A frame of noise must not fill the table with values that never come back.
+        let is_likely = self.new_values.len() as u64 * MIN_REPEATS <= samples.len() as u64;
+        let is_extended = is_likely && self.table.extend(&self.new_values);
         self.index();
         is_extended
     }

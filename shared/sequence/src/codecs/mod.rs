@@ -24,8 +24,6 @@ mod predict;
 mod range_coder;
 mod rvl;
 mod table;
-#[cfg(test)]
-mod tests;
 
 pub use color::{ColorDecoder, ColorEncoder, ColorFormat};
 pub use depth::{DepthCodec, DepthDecoder, DepthEncoder, EncodedDepth, depth_table_id};

@@ -10,7 +10,7 @@ pub const MAX_CODES: usize = 2048;
 /// Samples that mean "no measurement" are their own codes in every table.
 const MISSING: [u16; 2] = [0, u16::MAX];
 /// A table is proven by samples that come back: this many on average for each value.
-const MIN_REPEATS: u64 = 8;
+pub(super) const MIN_REPEATS: u64 = 8;
 /// Above this share of all values between the nearest and the farthest there are no steps to gain from.
 const MAX_FILLED_PERCENT: usize = 75;
 

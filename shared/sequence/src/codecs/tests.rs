@@ -1,1 +1,0 @@
-//! Hard cases and hostile input of the codecs.
