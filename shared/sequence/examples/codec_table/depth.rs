@@ -4,6 +4,8 @@ use std::path::Path;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _, ImageFormat};
+use rand::{RngExt as _, SeedableRng as _};
+use rand_pcg::Pcg64Mcg;
 use sequence::codecs::{CodeTable, DepthCodec, DepthDecoder, DepthEncoder, depth_table_id};
 
 use super::ffv1;
@@ -48,6 +50,11 @@ pub(crate) fn print(data: &Path, every: usize) -> Result<(), Failure> {
     for (name, codec) in [("fast", DepthCodec::Fast), ("dense", DepthCodec::Dense)] {
         print_row(&codes, pixel_count, ours(name, codec, None, width, height)?)?;
     }
+    print_head("depth, worst case: a frame of noise (stored raw)");
+    for (name, codec) in [("fast", DepthCodec::Fast), ("dense", DepthCodec::Dense)] {
+        let noise = [noise(pixel_count)];
+        print_row(&noise, pixel_count, ours(name, codec, None, width, height)?)?;
+    }
     for (title, frames) in [
         ("depth peers, millimetres", &frames),
         ("depth peers, codes", &codes),
@@ -74,6 +81,11 @@ pub(crate) fn print(data: &Path, every: usize) -> Result<(), Failure> {
         ffv1::print_row("gray16le", frames, width, height)?;
     }
     Ok(())
+}
+
+fn noise(pixel_count: usize) -> Vec<u16> {
+    let mut random = Pcg64Mcg::seed_from_u64(1);
+    (0..pixel_count).map(|_| random.random()).collect()
 }
 
 fn codes_of(table: &CodeTable, frame: &[u16]) -> Vec<u16> {

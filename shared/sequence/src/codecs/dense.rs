@@ -123,6 +123,10 @@ impl DenseModel {
                 up_left = up;
                 up = up_right;
             }
+            // Noise takes five times as long as a scene; most of that is not worth it.
+            if coder.is_full() {
+                return None;
+            }
         }
         coder.finish()
     }

@@ -24,7 +24,8 @@ const NO_CODE: u16 = u16::MAX - 1;
 pub enum DepthCodec {
     /// RVL and zstd: about a tenth of the raw samples.
     Fast,
-    /// Context range coder: about half of that, at three times the time.
+    /// Context range coder: about half of that, at three times the time (VGA: 3.5 ms of an EPYC core for a
+    /// scene, 23 ms for noise, which no sensor sends).
     Dense,
 }
 

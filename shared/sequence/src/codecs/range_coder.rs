@@ -98,6 +98,11 @@ impl<'a> RangeEncoder<'a> {
         self.low = (self.low & 0x00ff_ffff) << 8;
     }
 
+    /// Whether bytes were dropped, so that the stream is lost.
+    pub(super) fn is_full(&self) -> bool {
+        self.is_full
+    }
+
     /// Ends the stream and returns its length, or `None` when it did not fit.
     pub(super) fn finish(mut self) -> Option<usize> {
         for _ in 0..FLUSH_BYTES {

@@ -5,3 +5,4 @@ mod hard;
 mod hostile;
 mod round_trip;
 mod tables;
+mod vectors;
