@@ -185,10 +185,11 @@ impl Coding {
         if self.table.id() == 0 && !self.detect(samples) {
             return (samples, 0);
         }
-        if !self.map(samples) && !(self.extend(samples) && self.map(samples)) {
-            return (samples, 0);
+        if self.map(samples) || self.extend(samples) && self.map(samples) {
+            (&self.codes, self.table.id())
+        } else {
+            (samples, 0)
         }
-        (&self.codes, self.table.id())
     }
 
     fn detect(&mut self, samples: &[u16]) -> bool {

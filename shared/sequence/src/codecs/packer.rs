@@ -1,6 +1,7 @@
 //! zstd around bytes whose length the reader knows a bound of.
 
 use zstd::bulk::{Compressor, Decompressor};
+use zstd::zstd_safe::find_frame_compressed_size;
 
 use super::CodecError;
 
@@ -37,8 +38,15 @@ impl Unpacker {
             .map_err(|_| CodecError::Compressor)
     }
 
-    /// Decompresses into the start of `out` and returns how many bytes there are.
+    /// Decompresses one frame, which is all of `packed`, into the start of `out`; returns how many bytes
+    /// there are.
     pub(super) fn unpack(&mut self, packed: &[u8], out: &mut [u8]) -> Result<usize, CodecError> {
+        // zstd itself would take several frames one after the other.
+        match find_frame_compressed_size(packed) {
+            Ok(length) if length == packed.len() => {}
+            Ok(_) => return Err(CodecError::Surplus),
+            Err(_) => return Err(CodecError::Damaged("its zstd frame has no end")),
+        }
         self.0.decompress_to_buffer(packed, out).map_err(|_| {
             CodecError::Damaged("its zstd frame does not decode to the size of a frame")
         })

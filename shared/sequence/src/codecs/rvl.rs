@@ -127,7 +127,7 @@ pub(super) fn decode(bytes: &[u8], samples: &mut [u16]) -> Result<(), CodecError
         let other_count = reader.number(RUN_NIBBLES)? as usize;
         // A pair that covers nothing would let a payload spend time without end; the first may cover
         // others alone, a later one both.
-        if other_count == 0 && zero_count == 0 || !is_first && zero_count == 0 {
+        if zero_count == 0 && (other_count == 0 || !is_first) {
             return Err(CodecError::Damaged("an empty run"));
         }
         is_first = false;

@@ -113,6 +113,21 @@ fn invented_depth_payloads_do_no_harm() {
 }
 
 #[test]
+fn two_zstd_frames_are_not_one() {
+    // The content of both together is a frame; each payload holds one.
+    let halves: [&[u8]; 2] = [&[1, 2, 3, 4, 5, 6], &[7, 8, 9, 10, 11, 12]];
+    let packed = halves.map(|half| zstd::bulk::compress(half, 1).unwrap());
+    let payload = [&[1], packed.concat().as_slice()].concat();
+    let format = sequence::codecs::ColorFormat::BayerGrbg;
+    assert_eq!(
+        color_decoded(format, 4, 3, &payload),
+        Err(CodecError::Surplus)
+    );
+    let whole = zstd::bulk::compress(&halves.concat(), 1).unwrap();
+    assert!(color_decoded(format, 4, 3, &[&[1], whole.as_slice()].concat()).is_ok());
+}
+
+#[test]
 fn a_code_beyond_its_table_is_an_error() {
     let (encoder, payloads) = depth_payloads();
     let table = encoder.table().unwrap();
