@@ -9,11 +9,14 @@ pub(crate) type Failure = Box<dyn std::error::Error + Send + Sync>;
 /// Times that a frame is coded and decoded.
 const REPETITIONS: usize = 5;
 
+type Encode<'a, T> = Box<dyn FnMut(&[T], &mut Vec<u8>) -> Result<(), Failure> + 'a>;
+type Decode<'a, T> = Box<dyn FnMut(&[u8], &mut [T]) -> Result<(), Failure> + 'a>;
+
 /// A codec under measurement: `encode` replaces what `payload` holds, `decode` fills the frame.
 pub(crate) struct Candidate<'a, T> {
     pub(crate) name: &'static str,
-    pub(crate) encode: Box<dyn FnMut(&[T], &mut Vec<u8>) -> Result<(), Failure> + 'a>,
-    pub(crate) decode: Box<dyn FnMut(&[u8], &mut [T]) -> Result<(), Failure> + 'a>,
+    pub(crate) encode: Encode<'a, T>,
+    pub(crate) decode: Decode<'a, T>,
 }
 
 fn cpu_ms() -> f64 {
