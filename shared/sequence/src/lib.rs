@@ -17,7 +17,8 @@
 //! ```
 //!
 //! Map: [`recording`] the reader · [`writer`] beside, sync, rename · [`cameras`] both streams and their
-//! calibration · [`split`] training, unused, test · [`layout`] the bytes · [`error`] what is refused;
+//! calibration · [`codecs`] lossless depth
+//! and colour · [`split`] training, unused, test · [`layout`] the bytes · [`error`] what is refused;
 //! `description` and `map` are private.
 //!
 //! Invariants: a file that opens is whole (its length is the one it states) and its header, description,
@@ -26,6 +27,7 @@
 //! not checked against the file; a [`Recording`] is `Sync` and never changes.
 
 pub mod cameras;
+pub mod codecs;
 mod description;
 pub mod error;
 pub mod layout;
