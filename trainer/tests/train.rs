@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use geometry::{DVec3, Pose};
+use glint::import::{ImportOptions, import};
 use glint::progress::Progress;
 use glint::run_folder::RunFolder;
 use glint::stages::linear::DiffuseOrder;
@@ -256,6 +257,35 @@ fn the_bits_do_not_depend_on_the_number_of_threads() {
         assert!(
             bytes(&one) == bytes(two),
             "{file} differs between 1 and 2 threads"
+        );
+    }
+}
+
+#[test]
+fn without_masks_truth_and_test_frames_the_bits_are_the_same() {
+    let desk = Desk::new();
+    let frames = studio::film(Finish::Shiny);
+    let run = |name: &str, is_whole: bool| {
+        let folder = desk.path(&format!("{name}-folder"));
+        studio::write_folder(&folder, &frames, &studio::path(), is_whole);
+        let options = ImportOptions {
+            input: folder,
+            output: desk.path(&format!("{name}.glint")),
+            format: None,
+            rig: None,
+            split: None,
+            range: None,
+        };
+        import(&options, &mut |_, _| ()).unwrap();
+        desk.train(&options.output, name, 2).unwrap()
+    };
+    let (whole, deleted) = (run("whole", true), run("deleted", false));
+    assert!(whole.summary.found_specular);
+    for file in [MESH_FILE, SRM_FILE, CONFIDENCE_FILE] {
+        let bytes = |run: &Run| std::fs::read(run.path.join(file)).unwrap();
+        assert!(
+            bytes(&whole) == bytes(&deleted),
+            "{file} depends on what training must not read"
         );
     }
 }

@@ -6,9 +6,13 @@ use std::process::Command;
 #[test]
 fn the_python_decoder_agrees_on_every_vector() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let has_modules = Command::new("python3").args(["-c", "import numpy, zstandard"]).output();
+    let has_modules = Command::new("python3")
+        .args(["-c", "import numpy, zstandard"])
+        .output();
     if !has_modules.is_ok_and(|output| output.status.success()) {
-        println!("skipped the_python_decoder_agrees_on_every_vector: no python3 with numpy and zstandard");
+        println!(
+            "skipped the_python_decoder_agrees_on_every_vector: no python3 with numpy and zstandard"
+        );
         return;
     }
     let output = Command::new("python3")
@@ -18,5 +22,9 @@ fn the_python_decoder_agrees_on_every_vector() {
         .expect("python3 ran a moment ago");
     let report = String::from_utf8_lossy(&output.stdout);
     print!("{report}");
-    assert!(output.status.success(), "{report}{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{report}{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
 }

@@ -299,3 +299,72 @@ pub(crate) fn write(path: &Path, frames: &[Frame], poses: &[Pose]) {
     };
     writer.finish(&[source], &split).unwrap();
 }
+
+/// Rig file of [`streams`].
+const RIG: &str = r#"
+frame_rate = 10.0
+sync = "hardware"
+[color]
+width = 240
+height = 180
+format = "png"
+fx = 230.0
+fy = 230.0
+cx = 119.5
+cy = 89.5
+distortion = []
+white_level = 255
+[color.response]
+type = "gamma"
+gamma = 2.2
+[color.exposure]
+fixed = true
+relative = 1.0
+[depth]
+width = 240
+height = 180
+format = "png16"
+scale = 0.001
+fx = 230.0
+fy = 230.0
+cx = 119.5
+cy = 89.5
+depth_from_color = "identity"
+"#;
+
+/// Writes the plain folder of all frames with masks and truth, or of the training frames alone.
+pub(crate) fn write_folder(path: &Path, frames: &[Frame], poses: &[Pose], is_whole: bool) {
+    std::fs::create_dir_all(path.join("frames")).unwrap();
+    let first_test = FRAME_COUNT as usize * 3 / 4;
+    let count = if is_whole { frames.len() } else { first_test };
+    let mut lines = String::new();
+    for (index, (frame, pose)) in frames.iter().zip(poses).enumerate().take(count) {
+        let name = |kind: &str| path.join(format!("frames/{index:06}.{kind}.png"));
+        std::fs::write(name("depth"), encode_png_gray16(&frame.depth).unwrap()).unwrap();
+        std::fs::write(name("color"), encode_png_rgb8(&frame.color).unwrap()).unwrap();
+        let (t, q) = (pose.translation(), pose.rotation());
+        lines.push_str(&format!(
+            "{:.1} {} {} {} {} {} {} {}\n",
+            frame.time_nanos as f64 * 1e-9,
+            t.x,
+            t.y,
+            t.z,
+            q.x,
+            q.y,
+            q.z,
+            q.w
+        ));
+    }
+    let train: Vec<usize> = (0..first_test).collect();
+    let test: Vec<usize> = (first_test..count).collect();
+    let split = format!(r#"{{"train": {train:?}, "unused": [], "test": {test:?}}}"#);
+    std::fs::write(path.join("poses.txt"), lines).unwrap();
+    std::fs::write(path.join("split.json"), split).unwrap();
+    std::fs::write(path.join("rig.toml"), RIG).unwrap();
+    if is_whole {
+        for (folder, file) in [("masks", "000000.png"), ("truth", "environment.exr")] {
+            std::fs::create_dir_all(path.join(folder)).unwrap();
+            std::fs::write(path.join(folder).join(file), "never read").unwrap();
+        }
+    }
+}
