@@ -5,13 +5,17 @@ mod studio;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use geometry::{DVec3, Pose};
+use geometry::direction::angle_between;
+use geometry::{DVec3, Intrinsics, Pose};
+use glam::Vec3;
 use glint::import::{ImportOptions, import};
 use glint::progress::Progress;
 use glint::run_folder::RunFolder;
 use glint::stages::linear::DiffuseOrder;
+use glint::stages::observe::{PixelRules, Surface, hit_at};
 use glint::train::{CONFIDENCE_FILE, MESH_FILE, SRM_FILE, TrainConfig, TrainSummary, train};
 use imaging::{Image, LinearImage, read_confidence_exr, read_rgb_exr};
+use raytrace::{MirrorQuery, Scene, visibility_buffer};
 use studio::{Finish, Frame};
 
 /// Runs below one folder that goes when the test ends.
@@ -309,4 +313,59 @@ fn frames_that_are_held_out_do_not_matter() {
             "{file} depends on a test frame"
         );
     }
+}
+
+#[test]
+fn hc_e09_grazing_pixels_stay_out_of_training() {
+    // One pixel of a 10 cm ball at 0.6 m: how far apart are the mirrored directions of its neighbours?
+    const TOLERANCE_DEG: f64 = 10.0;
+    let (positions, triangles) = studio::ball(0.1);
+    let normals: Vec<Vec3> = positions.iter().map(|p| p.normalize()).collect();
+    let surface = Surface {
+        scene: Scene::new(&positions, &triangles).unwrap(),
+        mirror: MirrorQuery::for_exact(),
+        vertex_segment: vec![1; positions.len()],
+        origin: DVec3::ZERO,
+        positions,
+        normals,
+        triangles,
+    };
+    let camera = Intrinsics::pinhole(640, 480, 525.0, 525.0, 319.5, 239.5).unwrap();
+    let pose = Pose::from_translation(DVec3::new(0.0, 0.0, -0.6));
+    let buffer = visibility_buffer(
+        &surface.scene,
+        &surface.positions,
+        &surface.triangles,
+        &camera,
+        &pose,
+    );
+    let eye = pose.translation().as_vec3();
+    let spread = |least_cosine: f32| {
+        let mirrored: Vec<_> = (0..640 * 480)
+            .map(|index| {
+                hit_at(&buffer, index).and_then(|hit| surface.mirror(&hit, eye, least_cosine))
+            })
+            .collect();
+        let (mut worst, mut pairs) = (0.0_f64, 0_usize);
+        for index in (0..640 * 480).filter(|index| index % 640 != 639) {
+            if let (Some(a), Some(b)) = (&mirrored[index], &mirrored[index + 1]) {
+                let angle = angle_between(a.direction.as_dvec3(), b.direction.as_dvec3());
+                worst = worst.max(angle.to_degrees());
+                pairs += 1;
+            }
+        }
+        (worst, pairs)
+    };
+    let (naive, all) = spread(0.0);
+    let (held, kept) = spread(PixelRules::default().least_cosine);
+    println!("E09, worst error {held:.2}, tolerance {TOLERANCE_DEG} ({kept} of {all} pairs kept)");
+    assert!(
+        naive > TOLERANCE_DEG,
+        "naive: without a limit a pixel spans {naive} degrees"
+    );
+    assert!(held <= TOLERANCE_DEG, "{held}");
+    assert!(
+        kept > 1000 && kept as f64 > 0.9 * all as f64,
+        "{kept} of {all}"
+    );
 }

@@ -190,6 +190,14 @@ fn push_sphere(sphere: &Sphere, positions: &mut Vec<Vec3>, triangles: &mut Vec<[
     }
 }
 
+/// A ball about the origin, for tests of single rays: positions and triangles.
+pub(crate) fn ball(radius: f32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    let center = Vec3::ZERO;
+    push_sphere(&Sphere { center, radius }, &mut positions, &mut triangles);
+    (positions, triangles)
+}
+
 /// The cameras of the studio: depth and colour are one.
 pub(crate) fn streams() -> Streams {
     let intrinsics = Intrinsics::pinhole(240, 180, 230.0, 230.0, 119.5, 89.5).unwrap();
