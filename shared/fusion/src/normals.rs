@@ -69,8 +69,8 @@ pub fn normal_noise(mesh: &Mesh, raw: &[Vec3]) -> NormalNoise {
     let angles: Vec<f64> = raw
         .iter()
         .zip(&mesh.normals)
-        // atan2 resolves small angles, where an arc cosine of f32 returns 0.
-        .map(|(&a, &b)| f64::from(a.cross(b).length()).atan2(f64::from(a.dot(b))))
+        // Small angles are resolved too, where an arc cosine of f32 returns 0.
+        .map(|(&a, &b)| geometry::direction::angle_between(a.as_dvec3(), b.as_dvec3()))
         .collect();
     let sigma: Vec<f32> = (0..raw.len())
         .into_par_iter()
