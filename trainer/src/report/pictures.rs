@@ -14,7 +14,7 @@ const BACKGROUND: [u8; 3] = [244, 244, 242];
 
 /// A panorama as a screen shows it, sRGB.
 fn panorama(map: &LinearImage) -> Rgb8Image {
-    map.map(|linear| linear.map(|value| srgb8_from_linear(value)))
+    map.map(|linear| linear.map(srgb8_from_linear))
 }
 
 /// A panorama faded to grey where its confidence is below `full`.
