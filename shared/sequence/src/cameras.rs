@@ -6,6 +6,7 @@ use geometry::{DVec2, Intrinsics, Pose};
 use imaging::{ImagingError, Response, Vignetting};
 use serde::{Deserialize, Serialize};
 
+use crate::codecs::ColorFormat;
 use crate::error::SequenceError;
 
 /// What is known of the streams before the first frame.
@@ -17,6 +18,78 @@ pub struct Streams {
     pub color: ColorCamera,
     /// The colour camera seen from the depth camera: metres, rigid.
     pub color_from_depth: Pose,
+    /// Rate and clock of the depth stream.
+    pub depth_timing: StreamTiming,
+    /// Rate and clock of the colour stream.
+    pub color_timing: StreamTiming,
+    /// The camera, where it is known.
+    pub device: Option<Device>,
+}
+
+/// How often frames come and what counts their time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StreamTiming {
+    /// Nominal frames a second, where the source promises a rate.
+    pub rate_hz: Option<f64>,
+    /// The raw device counter, where there is one.
+    pub clock: Option<TickClock>,
+}
+
+impl StreamTiming {
+    /// A promised rate, frames a second, without a counter.
+    pub fn at_rate(rate_hz: f64) -> Self {
+        Self {
+            rate_hz: Some(rate_hz),
+            clock: None,
+        }
+    }
+
+    pub(crate) fn check(&self) -> Result<(), SequenceError> {
+        if let Some(rate_hz) = self.rate_hz
+            && !(rate_hz > 0.0 && rate_hz <= 1e5)
+        {
+            return Err(SequenceError::Value {
+                name: "the rate of a stream",
+                value: rate_hz,
+                expected: "above 0 and at most 100000 frames a second",
+            });
+        }
+        match self.clock {
+            Some(TickClock { tick_hz, bits }) if tick_hz == 0 || !(8..=64).contains(&bits) => {
+                Err(SequenceError::Value {
+                    name: "the width of a device counter",
+                    value: f64::from(bits),
+                    expected: "8 to 64 bits, counting at 1 Hz or more",
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A counter of the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TickClock {
+    /// Counts a second.
+    pub tick_hz: u64,
+    /// Width: it wraps at 2^bits.
+    pub bits: u32,
+}
+
+/// The camera that filmed, in words.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Device {
+    /// Vendor and product.
+    pub name: String,
+    /// Serial number, may be empty.
+    #[serde(default)]
+    pub serial: String,
+    /// Version of the firmware, may be empty.
+    #[serde(default)]
+    pub firmware: String,
+    /// Where it is plugged in, may be empty.
+    #[serde(default)]
+    pub path: String,
 }
 
 /// The depth camera: 16-bit codes proportional to z along the optical axis; 0 and 65535 are no measurement.
@@ -28,6 +101,43 @@ pub struct DepthCamera {
     pub depth_scale: f64,
     /// Depths that the sensor can measure, metres; others are no measurement.
     pub depth_range: RangeInclusive<f32>,
+    /// What the stored samples are.
+    pub samples: DepthSamples,
+    /// From shifts to depth, where the device said it.
+    pub shift: Option<ShiftConstants>,
+    /// Depth pixels are those of the colour camera: the device has registered them.
+    pub is_registered: bool,
+}
+
+/// What a depth sample is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DepthSamples {
+    /// Proportional to z, [`DepthCamera::depth_scale`] metres a unit.
+    #[default]
+    Values,
+    /// The sensor's shifts.
+    Codes,
+}
+
+/// Constants of a structured-light sensor, in the units of its firmware, and its table.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ShiftConstants {
+    /// Distance of the reference plane, mm.
+    pub zero_plane_mm: f64,
+    /// Size of a pixel at the reference plane, mm.
+    pub zero_plane_pixel_mm: f64,
+    /// Distance from emitter to camera, cm.
+    pub emitter_distance_cm: f64,
+    /// Shifts a pixel.
+    pub param_coefficient: f64,
+    /// Shift of the reference plane, pixels.
+    pub constant_shift: f64,
+    /// Pixels of the sensor a pixel of the image.
+    pub pixel_size_factor: f64,
+    /// Depth of each shift in mm, 0 for none; may be empty.
+    #[serde(default)]
+    pub table_mm: Vec<u16>,
 }
 
 impl DepthCamera {
@@ -56,18 +166,62 @@ impl DepthCamera {
             intrinsics,
             depth_scale,
             depth_range,
+            samples: DepthSamples::Values,
+            shift: None,
+            is_registered: false,
         })
     }
 }
 
 /// How a colour payload is encoded.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum ColorCodec {
+pub enum ColorEncoding {
     /// JPEG; its bytes are the source's.
     Jpeg,
-    /// PNG of 8 bits a channel; its bytes are the source's.
-    Png,
+    /// Raw mosaic, lossless.
+    BayerGrbg,
+    /// YUV 4:2:2 as U Y V Y, lossless.
+    Uyvy,
+    /// YUV 4:2:2 as Y U Y V, lossless.
+    Yuyv,
+    /// Three channels, lossless.
+    Rgb8,
+}
+
+impl ColorEncoding {
+    /// The word in the file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Jpeg => "jpeg",
+            Self::BayerGrbg => "bayer-grbg",
+            Self::Uyvy => "uyvy",
+            Self::Yuyv => "yuyv",
+            Self::Rgb8 => "rgb8",
+        }
+    }
+
+    /// The lossless format, `None` for JPEG.
+    pub fn lossless(self) -> Option<ColorFormat> {
+        match self {
+            Self::Jpeg => None,
+            Self::BayerGrbg => Some(ColorFormat::BayerGrbg),
+            Self::Uyvy => Some(ColorFormat::Uyvy),
+            Self::Yuyv => Some(ColorFormat::Yuyv),
+            Self::Rgb8 => Some(ColorFormat::Rgb8),
+        }
+    }
+}
+
+/// How YUV samples are meant.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct YuvMeaning {
+    /// `bt601` or `bt709`.
+    pub matrix: String,
+    /// `full` (0 to 255) or `limited` (16 to 235).
+    pub range: String,
+    /// Where chroma is sampled: `left` or `center`.
+    pub siting: String,
 }
 
 /// From codes to linear radiance, as it is written in rig files and recordings.
@@ -157,7 +311,9 @@ pub struct ColorCamera {
     /// Size, focal length, centre, distortion.
     pub intrinsics: Intrinsics,
     /// Encoding of the payloads.
-    pub codec: ColorCodec,
+    pub encoding: ColorEncoding,
+    /// What YUV samples mean, where the encoding has them.
+    pub yuv: Option<YuvMeaning>,
     /// Exposure of the frames over the exposure at which radiance 1.0 is the white level.
     pub relative_exposure: f32,
     response_curve: ResponseCurve,
@@ -170,7 +326,7 @@ impl ColorCamera {
     /// Refuses curves that cannot be used and an exposure that is not a positive number.
     pub fn new(
         intrinsics: Intrinsics,
-        codec: ColorCodec,
+        encoding: ColorEncoding,
         relative_exposure: f32,
         response_curve: ResponseCurve,
         vignetting_curve: VignettingCurve,
@@ -188,7 +344,8 @@ impl ColorCamera {
             .map_err(SequenceError::Calibration)?;
         Ok(Self {
             intrinsics,
-            codec,
+            encoding,
+            yuv: None,
             relative_exposure,
             response_curve,
             vignetting_curve,

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use geometry::{CameraError, PoseError};
 use imaging::ImagingError;
 
+use crate::codecs::CodecError;
+
 /// Why a recording cannot be read or written. Every sentence says what, where and how to mend it.
 #[derive(Debug, thiserror::Error)]
 pub enum SequenceError {
@@ -25,38 +27,70 @@ pub enum SequenceError {
     /// The first bytes are not those of a recording.
     #[error("this is no glint recording; make one with `glint import`")]
     NotARecording,
-    /// A recording of another version, or of this one with a damaged beginning.
+    /// A recording of another version.
     #[error(
-        "this recording is not of version 0, the one that this glint reads; use the glint that wrote it, or import it anew"
+        "this recording is not of version 1, the one that this glint reads (version 0 was a draft); import it anew, or use the glint that wrote it"
     )]
     OtherVersion,
     /// Another process holds the lock of a writer.
     #[error("another program is writing this file; wait until it is done")]
     Busy,
-    /// The file is not as long as it says.
+    /// The first page is damaged; the rest may be whole.
     #[error(
-        "the file has {got} bytes and says it has {expected}: it was cut or appended to; copy it again from its source"
+        "the beginning of this recording is damaged; `glintd recover` makes a whole file of the rest"
     )]
-    Length {
-        /// Bytes that the header states.
-        expected: u64,
-        /// Bytes that the file has.
-        got: u64,
+    HeaderDamaged,
+    /// No chunk holds a description that is whole.
+    #[error(
+        "this recording has no sealed chunk: it was cut, or ended within its first second; `glintd recover` shows what is left"
+    )]
+    NoDescription,
+    /// A record kind that must be understood and is not.
+    #[error(
+        "this recording has records of kind {kind:#06x}, which this glint does not know; use a newer glint"
+    )]
+    UnknownKind {
+        /// The kind.
+        kind: u16,
     },
-    /// A checksum does not match.
-    #[error(
-        "{part} at byte {offset} is damaged (CRC-32C {got:08x}, stored {expected:08x}); copy the file again or import it anew"
-    )]
-    Checksum {
-        /// Which part.
-        part: &'static str,
+    /// A stream that must be there.
+    #[error("the description names no {kind} stream")]
+    NoStream {
+        /// `depth`, `color`.
+        kind: &'static str,
+    },
+    /// A record that is whole and does not hold what its kind demands.
+    #[error("{what} does not hold what it should; the program that wrote it is at fault")]
+    Payload {
+        /// Which record.
+        what: &'static str,
+    },
+    /// A frame that does not match its checksum.
+    #[error("the record at byte {offset} is damaged; `glintd verify` lists all damage")]
+    Damaged {
         /// Where it begins.
         offset: u64,
-        /// The stored checksum.
-        expected: u32,
-        /// The checksum of the bytes that are there.
-        got: u32,
     },
+    /// A frame whose table of codes is gone.
+    #[error("its table of codes (number {id}) is damaged in all chunks")]
+    NoTable {
+        /// Id of the table.
+        id: u16,
+    },
+    /// Samples or payloads that a codec refuses.
+    #[error("{0}")]
+    Codec(#[from] CodecError),
+    /// A colour stream that must be developed first.
+    #[error(
+        "the colour of this recording is {encoding}; only jpeg and rgb8 can be shown or trained on, the others exported as they are"
+    )]
+    Undeveloped {
+        /// Name of the encoding.
+        encoding: &'static str,
+    },
+    /// The disk refuses to keep anything.
+    #[error("the disk reports errors and keeps nothing more; what was sealed before is whole")]
+    NotDurable,
     /// A part that reaches beyond the file or has an impossible length.
     #[error(
         "{part} claims {bytes} bytes at byte {offset}, which cannot be; the program that wrote it is at fault"
@@ -69,7 +103,7 @@ pub enum SequenceError {
         /// The length it claims.
         bytes: u64,
     },
-    /// The description is not what version 0 holds.
+    /// JSON that is not what its record must hold.
     #[error("the description of the streams is unusable: {0}; import the recording anew")]
     Description(#[from] serde_json::Error),
     /// A number outside its range.
@@ -103,12 +137,12 @@ pub enum SequenceError {
         source: CameraError,
     },
     /// A pose that is no rigid transform.
-    #[error("pose {index} of set `{set}`: {source}")]
+    #[error("pose of frame {number} in set `{set}`: {source}")]
     Pose {
         /// Name of the set.
         set: String,
-        /// Frame.
-        index: usize,
+        /// Number of the frame.
+        number: u64,
         /// What is wrong.
         source: PoseError,
     },
@@ -122,16 +156,6 @@ pub enum SequenceError {
     ResponseNotRising {
         /// Entries that would have to change, all channels.
         changed_count: u32,
-    },
-    /// A time that is not after the one before.
-    #[error("frame {index} is at {nanos} ns, not after the frame before it at {previous_nanos} ns")]
-    TimeOrder {
-        /// Frame.
-        index: usize,
-        /// Its time.
-        nanos: i64,
-        /// The time before.
-        previous_nanos: i64,
     },
     /// A split that names a frame twice, or one that does not exist, or not all.
     #[error(
@@ -192,6 +216,15 @@ impl SequenceError {
         Self::InFile {
             path: path.to_path_buf(),
             source: Box::new(self),
+        }
+    }
+
+    /// Whether the disk, or a quota on it, is full.
+    pub fn is_disk_full(&self) -> bool {
+        match self {
+            Self::InFile { source, .. } => source.is_disk_full(),
+            Self::Io(error) => crate::chunk_writer::is_full(error),
+            _ => false,
         }
     }
 

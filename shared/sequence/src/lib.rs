@@ -1,9 +1,9 @@
-//! The `.glint` recording, version 0: written once by `glint import`, read by everything else.
+//! The `.glint` recording, version 1: `docs/sequence-format.md`.
 //!
-//! For: two streams (depth, colour) described once, their frames and times, named pose sets, calibration
-//! and the split into training and test frames, in one file with access to any frame through a map.
-//! Not for: live capture and repair after a crash (a later version of the layout), float colour, what a
-//! pose is good for, masks and truth (no recording holds them).
+//! For: streams of depth and colour frames with their times, gaps, poses and calibration in one file that is
+//! whole at every moment up to its last sealed chunk; reading any frame through a map; finding and naming all
+//! damage. Not for: cameras and threads (the daemon has them), float colour, what a pose is good for, masks and
+//! truth (no recording holds them).
 //!
 //! ```no_run
 //! use sequence::Recording;
@@ -16,28 +16,50 @@
 //! # Ok::<(), sequence::SequenceError>(())
 //! ```
 //!
-//! Map: [`recording`] the reader · [`writer`] beside, sync, rename · [`cameras`] both streams and their
-//! calibration · [`codecs`] lossless depth
-//! and colour · [`split`] training, unused, test · [`layout`] the bytes · [`error`] what is refused;
-//! `description` and `map` are private.
+//! Map, from the bytes up: [`layout`] structures · [`checksum`] what ties them to one file · [`record`] what
+//! records hold · [`description`] and [`cameras`] streams and calibration · [`codecs`] lossless depth and
+//! colour · [`file_layer`] calls to the disk · [`chunk_writer`] chunks in the right order · [`writer`] and
+//! [`encode`] a recording is written · [`source`] bytes by map or `pread` · [`scan`] from chunk to chunk around
+//! damage · [`contents`] everything but images · [`recording`] frames by index and time · [`split`] training,
+//! unused, test · [`clock`] device and host time · [`pairing`] depth with colour · [`error`] what is refused;
+//! `map` and `time_index` are private.
 //!
-//! Invariants: a file that opens is whole (its length is the one it states) and its header, description,
-//! frame index and pose tables match their checksums; a frame is checked against its own CRC-32C whenever
-//! it is read, so one flipped bit costs one frame and says which; nothing is allocated for a size that was
-//! not checked against the file; a [`Recording`] is `Sync` and never changes.
+//! Invariants: a sealed chunk is never written again; a frame is checked against its own CRC-32C whenever it is
+//! read, so one flipped bit costs one frame and says which; nothing is allocated for a size that was not checked
+//! against the file; a [`Recording`] is `Sync` and never changes.
 
 pub mod cameras;
+pub mod checksum;
+pub mod chunk_writer;
+pub mod clock;
 pub mod codecs;
-mod description;
+pub mod contents;
+pub mod description;
+pub mod encode;
 pub mod error;
+pub mod file_layer;
 pub mod layout;
 mod map;
+pub mod pairing;
+pub mod record;
 pub mod recording;
+pub mod scan;
+pub mod source;
 pub mod split;
+mod time_index;
 pub mod writer;
 
-pub use cameras::{ColorCamera, ColorCodec, DepthCamera, ResponseCurve, Streams, VignettingCurve};
+pub use cameras::{
+    ColorCamera, ColorEncoding, DepthCamera, DepthSamples, Device, ResponseCurve, ShiftConstants,
+    StreamTiming, Streams, TickClock, VignettingCurve,
+};
+pub use checksum::FileId;
+pub use contents::Contents;
+pub use description::{COLOR_STREAM, Created, DEPTH_STREAM, Description};
 pub use error::SequenceError;
-pub use recording::Recording;
+pub use record::{
+    Event, FramePose, FrameTimes, Gap, GapCause, Gravity, Histogram, Note, PoseState,
+};
+pub use recording::{PoseSet, Recording};
 pub use split::Split;
-pub use writer::{PoseSet, RecordingWriter};
+pub use writer::RecordingWriter;

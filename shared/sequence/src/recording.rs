@@ -1,55 +1,97 @@
-//! Reading a recording.
+//! Reading a recording through a map.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use geometry::Pose;
-use imaging::{
-    Image, Rgb8Image, decode_jpeg, decode_png_gray16, decode_png_rgb8, jpeg_is_subsampled,
-};
-use zerocopy::byteorder::little_endian::F64;
+use imaging::{Image, Rgb8Image, decode_jpeg, jpeg_is_subsampled};
+use zerocopy::FromBytes as _;
 
-use crate::cameras::{ColorCamera, ColorCodec, DepthCamera, Streams};
-use crate::description::{Description, pose_from_numbers};
+use crate::cameras::{ColorCamera, ColorEncoding, DepthCamera};
+use crate::checksum::FileId;
+use crate::codecs::{ColorDecoder, DepthDecoder, depth_table_id};
+use crate::contents::{Contents, StoredPoses};
+use crate::description::Description;
 use crate::error::SequenceError;
-use crate::layout::{FrameEntry, Header, PoseEntry, Section, table};
+use crate::layout::{FrameHeader, RecordHeader};
 use crate::map::LockedMap;
+use crate::pairing::{Pair, pair_by_time};
+use crate::record::{FrameTimes, PoseState};
+use crate::scan::{Checking, RecordPlace};
 use crate::split::Split;
-use crate::writer::{PoseSet, require_pose_set_name};
+use crate::time_index::TimeIndex;
 
-/// An open recording. Frames are read through a map, from any thread.
+/// An open recording: pairs of depth and colour, each read through a map, from any thread.
+///
+/// A *frame* of this type is a pair (`docs/sequence-format.md` section 8); single frames of the streams are in
+/// [`Recording::contents`].
 #[derive(Debug)]
 pub struct Recording {
     path: PathBuf,
     map: LockedMap,
-    frames: Vec<FrameEntry>,
-    streams: Streams,
-    pose_sets: Vec<PoseSet>,
+    contents: Contents,
+    description: Description,
+    pairs: Vec<Pair>,
+    times: TimeIndex,
     split: Split,
+    pose_sets: Vec<PoseSet>,
+    decoders: Mutex<Vec<Decoders>>,
 }
 
-/// What stands beside the payloads.
-struct Contents {
-    frames: Vec<FrameEntry>,
-    streams: Streams,
-    pose_sets: Vec<PoseSet>,
-    split: Split,
+/// A named path of the depth camera, one pose a pair.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PoseSet {
+    /// `source`, `live`, `refined` …
+    pub name: String,
+    /// World from depth camera; `None` where the producer has no pose, or has lost the camera.
+    pub world_from_depth: Vec<Option<Pose>>,
 }
+
+/// Working memory of a thread.
+struct Decoders {
+    depth: DepthDecoder,
+    color: Option<ColorDecoder>,
+}
+
+/// Frames further apart than this are no pair where no rate is known, nanoseconds.
+const WIDEST_PAIR_NANOS: i64 = 20_000_000;
 
 impl Recording {
-    /// Opens and checks everything but the frames themselves, which are checked when they are read.
+    /// Opens a recording that nobody writes. All sealed chunks are read as their indices say; frames are
+    /// checked when they are read.
     pub fn open(path: &Path) -> Result<Self, SequenceError> {
-        let opened = LockedMap::open(path).and_then(|map| {
-            let contents = Contents::parse(map.bytes())?;
-            Ok((map, contents))
-        });
-        let (map, contents) = opened.map_err(|error| error.in_file(path))?;
+        Self::open_here(path).map_err(|error| error.in_file(path))
+    }
+
+    fn open_here(path: &Path) -> Result<Self, SequenceError> {
+        let map = LockedMap::open(path)?;
+        let mut contents = Contents::read(map.bytes(), Checking::Marks)?;
+        let description = contents
+            .description
+            .take()
+            .ok_or(SequenceError::NoDescription)?;
+        let pairs = pairs_of(&contents, &description);
+        let depth = contents.stream(description.depth_id);
+        let nanos: Vec<i64> = pairs
+            .iter()
+            .map(|pair| depth[pair.depth].label.device_nanos)
+            .collect();
+        let split = split_of(&contents, depth, &pairs)?;
+        let pose_sets = contents
+            .pose_sets
+            .iter()
+            .map(|set| pose_set(set, &description, &contents, &pairs))
+            .collect();
         Ok(Self {
             path: path.to_path_buf(),
+            times: TimeIndex::new(&nanos),
             map,
-            frames: contents.frames,
-            streams: contents.streams,
-            pose_sets: contents.pose_sets,
-            split: contents.split,
+            contents,
+            description,
+            pairs,
+            split,
+            pose_sets,
+            decoders: Mutex::new(Vec::new()),
         })
     }
 
@@ -58,27 +100,42 @@ impl Recording {
         &self.path
     }
 
-    /// How many frames there are.
+    /// Id of the file.
+    pub fn file_id(&self) -> FileId {
+        self.contents.file_id
+    }
+
+    /// Streams, calibration, device.
+    pub fn description(&self) -> &Description {
+        &self.description
+    }
+
+    /// Single frames, gaps, events, notes, damage.
+    pub fn contents(&self) -> &Contents {
+        &self.contents
+    }
+
+    /// How many pairs there are.
     pub fn frame_count(&self) -> usize {
-        self.frames.len()
+        self.pairs.len()
     }
 
     /// The depth camera.
     pub fn depth_camera(&self) -> &DepthCamera {
-        &self.streams.depth
+        &self.description.streams.depth
     }
 
     /// The colour camera and its calibration.
     pub fn color_camera(&self) -> &ColorCamera {
-        &self.streams.color
+        &self.description.streams.color
     }
 
     /// From depth camera axes to colour camera axes, metres.
     pub fn color_from_depth(&self) -> Pose {
-        self.streams.color_from_depth
+        self.description.streams.color_from_depth
     }
 
-    /// Which frames training may see.
+    /// Which pairs training may see; all where the recording does not say.
     pub fn split(&self) -> &Split {
         &self.split
     }
@@ -88,79 +145,138 @@ impl Recording {
         &self.pose_sets
     }
 
-    /// World from depth camera of every frame in the set `name`; `None` when there is no such set.
+    /// World from depth camera of every pair in the set `name`; `None` when there is no such set.
     pub fn poses(&self, name: &str) -> Option<&[Option<Pose>]> {
         let set = self.pose_sets.iter().find(|set| set.name == name)?;
         Some(&set.world_from_depth)
     }
 
-    /// Time of frame `index` in nanoseconds; strictly increasing, the zero is the source's.
+    /// Device time of the depth of pair `index` in nanoseconds; the zero is the source's.
     ///
     /// # Panics
     /// When `index` is not below [`Recording::frame_count`].
     pub fn time_nanos(&self, index: usize) -> i64 {
-        self.frames[index].time_nanos.get()
+        self.depth_place_of(index).label.device_nanos
     }
 
-    /// Depth codes of frame `index`, as the sensor gave them: 0 and 65535 are no measurement, others times
+    /// The pair whose depth is nearest in time, in O(1) for a steady rate; `None` in an empty recording.
+    pub fn frame_at(&self, nanos: i64) -> Option<usize> {
+        self.times.nearest(nanos)
+    }
+
+    /// All times of the depth of pair `index`.
+    pub fn depth_times(&self, index: usize) -> Result<FrameTimes, SequenceError> {
+        let place = self.depth_place(index)?;
+        Ok(self
+            .frame(place)
+            .map_err(|error| self.blame(error, "depth", index))?
+            .0)
+    }
+
+    /// All times of the colour of pair `index`.
+    pub fn color_times(&self, index: usize) -> Result<FrameTimes, SequenceError> {
+        let place = self.color_place(index)?;
+        Ok(self
+            .frame(place)
+            .map_err(|error| self.blame(error, "color", index))?
+            .0)
+    }
+
+    /// Depth samples of pair `index`, as the sensor gave them: 0 and 65535 are no measurement, others times
     /// [`DepthCamera::depth_scale`] are metres.
     pub fn depth_raw(&self, index: usize) -> Result<Image<u16>, SequenceError> {
-        let camera = &self.streams.depth.intrinsics;
-        self.payload(
-            "depth",
-            index,
-            |entry| &entry.depth,
-            |bytes| {
-                let codes = decode_png_gray16(bytes)?;
-                require_size(&codes, camera.width(), camera.height())?;
-                Ok(codes)
-            },
-        )
+        let place = self.depth_place(index)?;
+        self.depth_frame(place)
+            .map_err(|error| self.blame(error, "depth", index))
     }
 
-    /// Colour codes of frame `index`.
+    /// Depth samples of one frame of the stream.
+    pub fn depth_frame(&self, place: &RecordPlace) -> Result<Image<u16>, SequenceError> {
+        let (_, payload) = self.frame(place)?;
+        let table = match depth_table_id(payload)? {
+            None => None,
+            Some(id) => {
+                let table = self.contents.tables.get(&(place.label.stream, id));
+                Some(table.ok_or(SequenceError::NoTable { id })?)
+            }
+        };
+        let camera = &self.depth_camera().intrinsics;
+        let mut image = Image::new(camera.width(), camera.height(), 0);
+        self.decode(|decoders| Ok(decoders.depth.decode(payload, table, image.pixels_mut())?))?;
+        Ok(image)
+    }
+
+    /// Colour codes of pair `index`, red, green, blue.
     pub fn color(&self, index: usize) -> Result<Rgb8Image, SequenceError> {
-        let camera = &self.streams.color;
-        self.payload(
-            "color",
-            index,
-            |entry| &entry.color,
-            |bytes| {
-                let codes = match camera.codec {
-                    ColorCodec::Jpeg => decode_jpeg(bytes)?,
-                    ColorCodec::Png => decode_png_rgb8(bytes)?,
-                };
-                let intrinsics = &camera.intrinsics;
-                require_size(&codes, intrinsics.width(), intrinsics.height())?;
+        let camera = self.color_camera();
+        let decode = |bytes: &[u8]| match camera.encoding {
+            ColorEncoding::Jpeg => {
+                let codes = decode_jpeg(bytes)?;
+                require_size(
+                    &codes,
+                    camera.intrinsics.width(),
+                    camera.intrinsics.height(),
+                )?;
                 Ok(codes)
-            },
-        )
+            }
+            ColorEncoding::Rgb8 => {
+                let mut codes = Rgb8Image::new(
+                    camera.intrinsics.width(),
+                    camera.intrinsics.height(),
+                    [0; 3],
+                );
+                let samples = codes.pixels_mut().as_flattened_mut();
+                self.decode_color(bytes, samples)?;
+                Ok(codes)
+            }
+            ColorEncoding::BayerGrbg | ColorEncoding::Uyvy | ColorEncoding::Yuyv => {
+                Err(SequenceError::Undeveloped {
+                    encoding: camera.encoding.name(),
+                })
+            }
+        };
+        let place = self.color_place(index)?;
+        self.frame(place)
+            .and_then(|(_, payload)| decode(payload))
+            .map_err(|error| self.blame(error, "color", index))
     }
 
-    /// Whether chroma of frame `index` is stored at a lower resolution than luma.
+    /// The colour of pair `index` as the camera sent it: the raw frame in its format, or a JPEG.
+    pub fn color_raw(&self, index: usize) -> Result<Vec<u8>, SequenceError> {
+        let place = self.color_place(index)?;
+        self.color_frame(place)
+            .map_err(|error| self.blame(error, "color", index))
+    }
+
+    /// The colour of one frame of the stream, as the camera sent it.
+    pub fn color_frame(&self, place: &RecordPlace) -> Result<Vec<u8>, SequenceError> {
+        let camera = self.color_camera();
+        let (_, payload) = self.frame(place)?;
+        let Some(format) = camera.encoding.lossless() else {
+            return Ok(payload.to_vec());
+        };
+        let (width, height) = (camera.intrinsics.width(), camera.intrinsics.height());
+        let mut frame = vec![0; format.frame_bytes(width, height)?];
+        self.decode_color(payload, &mut frame)?;
+        Ok(frame)
+    }
+
+    /// Whether chroma of pair `index` is stored at a lower resolution than luma.
     pub fn color_is_subsampled(&self, index: usize) -> Result<bool, SequenceError> {
-        let codec = self.streams.color.codec;
-        self.payload(
-            "color",
-            index,
-            |entry| &entry.color,
-            |bytes| match codec {
-                ColorCodec::Jpeg => Ok(jpeg_is_subsampled(bytes)?),
-                ColorCodec::Png => Ok(false),
-            },
-        )
+        match self.color_camera().encoding {
+            ColorEncoding::Jpeg => jpeg_is_subsampled(self.color_bytes(index)?)
+                .map_err(|error| self.blame(error.into(), "color", index)),
+            ColorEncoding::Rgb8 => Ok(false),
+            ColorEncoding::BayerGrbg | ColorEncoding::Uyvy | ColorEncoding::Yuyv => Ok(true),
+        }
     }
 
-    /// The colour payload of frame `index` as it is stored, in [`ColorCamera::codec`].
+    /// The colour payload of pair `index` as it is stored.
     pub fn color_bytes(&self, index: usize) -> Result<&[u8], SequenceError> {
-        self.section(index, |entry| &entry.color)
-            .map_err(|error| error.in_frame("color", index).in_file(&self.path))
-    }
-
-    /// The depth payload of frame `index` as it is stored: a PNG of 16-bit grey.
-    pub fn depth_bytes(&self, index: usize) -> Result<&[u8], SequenceError> {
-        self.section(index, |entry| &entry.depth)
-            .map_err(|error| error.in_frame("depth", index).in_file(&self.path))
+        let place = self.color_place(index)?;
+        self.frame(place)
+            .map(|(_, payload)| payload)
+            .map_err(|error| self.blame(error, "color", index))
     }
 
     /// BLAKE3 of the whole file. Reads all of it.
@@ -168,29 +284,103 @@ impl Recording {
         blake3::hash(self.map.bytes())
     }
 
-    /// Finds, checks and decodes one payload.
-    fn payload<T>(
-        &self,
-        stream: &'static str,
-        index: usize,
-        choose: impl Fn(&FrameEntry) -> &Section,
-        decode: impl FnOnce(&[u8]) -> Result<T, SequenceError>,
-    ) -> Result<T, SequenceError> {
-        self.section(index, choose)
-            .and_then(decode)
-            .map_err(|error| error.in_frame(stream, index).in_file(&self.path))
+    /// Lets the memory of frames that were read go; they can be read again.
+    pub fn release(&self) {
+        self.map.release();
     }
 
-    fn section(
+    /// Times and payload of a frame, its checksum verified.
+    pub fn frame(&self, place: &RecordPlace) -> Result<(FrameTimes, &[u8]), SequenceError> {
+        let damaged = || SequenceError::Damaged {
+            offset: place.offset,
+        };
+        let start = usize::try_from(place.offset).map_err(|_| damaged())?;
+        let bytes = self.map.bytes().get(start..).ok_or_else(damaged)?;
+        let (header, rest) = RecordHeader::ref_from_prefix(bytes).map_err(|_| damaged())?;
+        let payload = rest
+            .get(..place.payload_bytes as usize)
+            .ok_or_else(damaged)?;
+        if !self.contents.file_id.is_record(header, payload)
+            || header.sequence.get() != place.sequence
+        {
+            return Err(damaged());
+        }
+        let (times, image) = FrameHeader::ref_from_prefix(payload).map_err(|_| damaged())?;
+        Ok((FrameTimes::of(times), image))
+    }
+
+    fn decode_color(&self, payload: &[u8], frame: &mut [u8]) -> Result<(), SequenceError> {
+        self.decode(|decoders| match &mut decoders.color {
+            Some(decoder) => Ok(decoder.decode(payload, frame)?),
+            None => Ok(()),
+        })
+    }
+
+    /// Runs `work` with decoders that nobody else uses.
+    fn decode<T>(
         &self,
-        index: usize,
-        choose: impl Fn(&FrameEntry) -> &Section,
-    ) -> Result<&[u8], SequenceError> {
-        let entry = self.frames.get(index).ok_or(SequenceError::NoSuchFrame {
-            index,
-            frame_count: self.frames.len(),
-        })?;
-        choose(entry).read(self.map.bytes(), "the payload")
+        work: impl FnOnce(&mut Decoders) -> Result<T, SequenceError>,
+    ) -> Result<T, SequenceError> {
+        let idle = || self.decoders.lock().unwrap_or_else(PoisonError::into_inner);
+        let taken = idle().pop();
+        let mut decoders = match taken {
+            Some(decoders) => decoders,
+            None => Decoders::new(&self.description)?,
+        };
+        let result = work(&mut decoders);
+        idle().push(decoders);
+        result
+    }
+
+    fn depth_place_of(&self, index: usize) -> &RecordPlace {
+        &self.contents.stream(self.description.depth_id)[self.pairs[index].depth]
+    }
+
+    /// Where the depth of pair `index` lies.
+    pub fn depth_place(&self, index: usize) -> Result<&RecordPlace, SequenceError> {
+        let pair = self.pair(index)?;
+        Ok(&self.contents.stream(self.description.depth_id)[pair.depth])
+    }
+
+    /// Where the colour of pair `index` lies.
+    pub fn color_place(&self, index: usize) -> Result<&RecordPlace, SequenceError> {
+        let pair = self.pair(index)?;
+        Ok(&self.contents.stream(self.description.color_id)[pair.color])
+    }
+
+    fn pair(&self, index: usize) -> Result<Pair, SequenceError> {
+        self.pairs.get(index).copied().ok_or_else(|| {
+            SequenceError::NoSuchFrame {
+                index,
+                frame_count: self.pairs.len(),
+            }
+            .in_file(&self.path)
+        })
+    }
+
+    fn blame(&self, error: SequenceError, stream: &'static str, index: usize) -> SequenceError {
+        error.in_frame(stream, index).in_file(&self.path)
+    }
+}
+
+impl Decoders {
+    fn new(description: &Description) -> Result<Self, SequenceError> {
+        let depth = &description.streams.depth.intrinsics;
+        let color = &description.streams.color;
+        let (width, height) = (color.intrinsics.width(), color.intrinsics.height());
+        Ok(Self {
+            depth: DepthDecoder::new(depth.width(), depth.height())?,
+            color: match color.encoding.lossless() {
+                Some(format) => Some(ColorDecoder::new(format, width, height)?),
+                None => None,
+            },
+        })
+    }
+}
+
+impl std::fmt::Debug for Decoders {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str("Decoders")
     }
 }
 
@@ -206,90 +396,89 @@ fn require_size<T>(image: &Image<T>, width: u32, height: u32) -> Result<(), Sequ
     })
 }
 
-impl Contents {
-    fn parse(file: &[u8]) -> Result<Self, SequenceError> {
-        let header = Header::of(file)?;
-        let description =
-            Description::from_json(header.description.read(file, "the description")?)?;
-        let index_bytes = header.frames.read(file, "the frame index")?;
-        let frames: &[FrameEntry] = table(index_bytes, &header.frames, "the frame index")?;
-        require_increasing_times(frames)?;
-        let pose_bytes = header.poses.read(file, "the pose tables")?;
-        let entries: &[PoseEntry] = table(pose_bytes, &header.poses, "the pose tables")?;
-        // The section's length has 32 bits, so the number of its entries has fewer.
-        description.split.check(frames.len() as u32)?;
-        Ok(Self {
-            frames: frames.to_vec(),
-            streams: description.streams()?,
-            pose_sets: pose_sets(&description.pose_sets, entries, frames.len())?,
-            split: description.split,
-        })
-    }
-}
-
-fn require_increasing_times(frames: &[FrameEntry]) -> Result<(), SequenceError> {
-    let unordered = frames
-        .windows(2)
-        .position(|pair| pair[1].time_nanos.get() <= pair[0].time_nanos.get());
-    match unordered {
-        None => Ok(()),
-        Some(before) => Err(SequenceError::TimeOrder {
-            index: before + 1,
-            nanos: frames[before + 1].time_nanos.get(),
-            previous_nanos: frames[before].time_nanos.get(),
-        }),
-    }
-}
-
-/// One set a name, `frame_count` entries each.
-fn pose_sets(
-    names: &[String],
-    entries: &[PoseEntry],
-    frame_count: usize,
-) -> Result<Vec<PoseSet>, SequenceError> {
-    if names.len().checked_mul(frame_count) != Some(entries.len()) {
-        return Err(SequenceError::Count {
-            what: "stored poses",
-            count: entries.len() as u64,
-            expected: (names.len() as u64).saturating_mul(frame_count as u64),
-            of: "frames and pose sets",
-        });
-    }
-    let mut sets: Vec<PoseSet> = Vec::with_capacity(names.len());
-    for (position, name) in names.iter().enumerate() {
-        require_pose_set_name(name, &sets)?;
-        let own = &entries[position * frame_count..][..frame_count];
-        let world_from_depth = own
+/// Pairs of a recording: half a period apart at most.
+pub(crate) fn pairs_of(contents: &Contents, description: &Description) -> Vec<Pair> {
+    let nanos = |id: u16| -> Vec<i64> {
+        let places = contents.stream(id);
+        places
             .iter()
-            .enumerate()
-            .map(|(index, entry)| stored_pose(entry, name, index))
-            .collect::<Result<_, _>>()?;
-        sets.push(PoseSet {
-            name: name.clone(),
-            world_from_depth,
-        });
-    }
-    Ok(sets)
+            .map(|place| place.label.device_nanos)
+            .collect()
+    };
+    let rate_hz = description.streams.depth_timing.rate_hz;
+    let widest = rate_hz.map_or(WIDEST_PAIR_NANOS, |rate_hz| {
+        (0.5e9 / rate_hz).floor() as i64
+    });
+    let depth = nanos(description.depth_id);
+    pair_by_time(&depth, &nanos(description.color_id), widest).pairs
 }
 
-fn stored_pose(entry: &PoseEntry, set: &str, index: usize) -> Result<Option<Pose>, SequenceError> {
-    match entry.state.get() {
-        0 => Ok(None),
-        1 => {
-            let rotation = entry.rotation.map(F64::get);
-            let translation = entry.translation.map(F64::get);
-            pose_from_numbers(rotation, translation)
-                .map(Some)
-                .map_err(|source| SequenceError::Pose {
-                    set: set.to_owned(),
-                    index,
-                    source,
-                })
-        }
-        other => Err(SequenceError::Value {
-            name: "the state of a stored pose",
-            value: other as f64,
-            expected: "0 or 1",
-        }),
+/// The stored split, of numbers of depth frames, as one of pairs.
+fn split_of(
+    contents: &Contents,
+    depth: &[RecordPlace],
+    pairs: &[Pair],
+) -> Result<Split, SequenceError> {
+    // Frames are numbered with 64 bits, but 2^32 of them do not fit a file that could be mapped.
+    let all = Split::all_train(pairs.len() as u32);
+    let Some(stored) = &contents.split else {
+        return Ok(all);
+    };
+    let mut pair_of = std::collections::BTreeMap::new();
+    for (index, pair) in pairs.iter().enumerate() {
+        pair_of.insert(depth[pair.depth].label.number, index as u32);
+    }
+    let known = |numbers: &[u32]| -> Vec<u32> {
+        let pairs = numbers
+            .iter()
+            .filter_map(|number| pair_of.get(&u64::from(*number)));
+        pairs.copied().collect()
+    };
+    let mut split = Split {
+        train: known(&stored.train),
+        unused: known(&stored.unused),
+        test: known(&stored.test),
+    };
+    // A pair that no list names is not trained on.
+    let named: std::collections::BTreeSet<u32> = [&split.train, &split.unused, &split.test]
+        .into_iter()
+        .flatten()
+        .copied()
+        .collect();
+    split
+        .unused
+        .extend((0..pairs.len() as u32).filter(|pair| !named.contains(pair)));
+    split.unused.sort_unstable();
+    split.check(pairs.len() as u32)?;
+    Ok(split)
+}
+
+/// A stored set, of either camera, as poses of the depth camera for the pairs.
+fn pose_set(
+    stored: &StoredPoses,
+    description: &Description,
+    contents: &Contents,
+    pairs: &[Pair],
+) -> PoseSet {
+    let is_color = stored.head.stream == description.color_id;
+    let color_from_depth = description.streams.color_from_depth;
+    let places = contents.stream(stored.head.stream);
+    let pose_of = |pair: &Pair| {
+        let place = places.get(if is_color { pair.color } else { pair.depth })?;
+        let found = stored
+            .poses
+            .binary_search_by_key(&place.label.number, |pose| pose.number);
+        let pose = stored.poses.get(found.ok()?)?;
+        let world_from_camera =
+            (pose.state != PoseState::Lost).then_some(pose.world_from_camera)?;
+        Some(if is_color {
+            world_from_camera * color_from_depth
+        } else {
+            world_from_camera
+        })
+    };
+    PoseSet {
+        name: stored.head.name.clone(),
+        world_from_depth: pairs.iter().map(pose_of).collect(),
     }
 }

@@ -1,204 +1,396 @@
-//! Writing a recording: frames go to a file beside the final name, which appears when all is in.
+//! Writing a recording: records in, totals and losses kept.
 
+use std::collections::BTreeMap;
 use std::fs::{File, Permissions};
-use std::io::{BufWriter, Seek as _, SeekFrom, Write as _};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
-use geometry::Pose;
-use tempfile::NamedTempFile;
+use tempfile::TempPath;
 use zerocopy::IntoBytes as _;
 
-use crate::cameras::Streams;
+use crate::checksum::FileId;
+use crate::chunk_writer::{ChunkWriter, DiskLimits, RecordLabel, Sealing};
+use crate::codecs::CodeTable;
+use crate::contents::require_pose_set_name;
 use crate::description::Description;
 use crate::error::SequenceError;
-use crate::layout::{FrameEntry, HEADER_BYTES, Header, PoseEntry, Section};
+use crate::file_layer::{self, FileLayer, WritePath};
+use crate::record::{
+    End, Event, FramePose, FrameTimes, Gap, GapCause, Gravity, Histogram, Note, PoseSetHead,
+    RecordKind, StreamTotals, poses_payload,
+};
 use crate::split::Split;
 
-/// A named path of the depth camera.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PoseSet {
-    /// `source`, `live`, `refined` …
-    pub name: String,
-    /// World from depth camera, one a frame; `None` where the producer has no pose.
-    pub world_from_depth: Vec<Option<Pose>>,
-}
+/// Chunks are sealed when they are this old, nanoseconds.
+pub const CHUNK_NANOS: i64 = 1_000_000_000;
+/// Chunks are sealed when they are this big, bytes.
+pub const CHUNK_BYTES: u64 = 32 << 20;
 
-/// Writes one recording. Dropped before [`RecordingWriter::finish`], it leaves nothing behind.
+/// Writes one recording. Dropped before [`RecordingWriter::finish`], it leaves what was sealed; a recording
+/// that was begun with [`RecordingWriter::create_beside`] leaves nothing.
 #[derive(Debug)]
 pub struct RecordingWriter {
+    chunks: ChunkWriter,
     path: PathBuf,
-    file: BufWriter<NamedTempFile>,
-    /// Bytes written so far.
-    end: u64,
-    streams: Streams,
-    frames: Vec<FrameEntry>,
+    /// Removed when dropped, until it gets its name.
+    beside: Option<TempPath>,
+    /// Time of the first record in the open chunk.
+    chunk_nanos: Option<i64>,
+    pose_sets: Vec<PoseSetHead>,
+    totals: BTreeMap<u16, StreamTotals>,
+    lost: Vec<Gap>,
 }
 
 impl RecordingWriter {
-    /// Begins the recording that will be `path`; its folder must exist.
-    pub fn create(path: &Path, streams: Streams) -> Result<Self, SequenceError> {
-        let part = begin(path).map_err(|error| SequenceError::from(error).in_file(path))?;
+    /// Begins a recording under its own name, which must be free: it can be followed, and what is sealed
+    /// survives whatever happens.
+    pub fn create(
+        path: &Path,
+        description: &Description,
+        write_path: WritePath,
+        limits: DiskLimits,
+    ) -> Result<Self, SequenceError> {
+        let created = file_layer::create(path, write_path).and_then(|layer| {
+            let writer = Self::on(layer, FileId::random()?, path, description, limits)?;
+            // Makes the name itself durable.
+            File::open(folder_of(path))?.sync_all()?;
+            Ok(writer)
+        });
+        created.map_err(|error| error.in_file(path))
+    }
+
+    /// Begins the recording that will be `path` when it is finished; an older file of that name is replaced
+    /// then. The folder must exist.
+    pub fn create_beside(
+        path: &Path,
+        file_id: FileId,
+        description: &Description,
+    ) -> Result<Self, SequenceError> {
+        let begin = || {
+            let part = tempfile::Builder::new()
+                .prefix(".glint-")
+                .suffix(".part")
+                // As any program's files: the umask decides. Temporary files would be private.
+                .permissions(Permissions::from_mode(0o666))
+                .tempfile_in(folder_of(path))?;
+            let (file, beside) = part.into_parts();
+            let layer = file_layer::layer_of(file, WritePath::Auto)?;
+            let mut writer = Self::on(layer, file_id, path, description, DiskLimits::default())?;
+            writer.beside = Some(beside);
+            Ok(writer)
+        };
+        begin().map_err(|error: SequenceError| error.in_file(path))
+    }
+
+    /// Begins a recording on any layer. `path` names it in errors only.
+    pub fn on(
+        layer: Box<dyn FileLayer>,
+        file_id: FileId,
+        path: &Path,
+        description: &Description,
+        limits: DiskLimits,
+    ) -> Result<Self, SequenceError> {
+        let mut chunks = ChunkWriter::begin(layer, file_id, limits)?;
+        let label = RecordLabel::of(RecordKind::Description, 0);
+        chunks.put_in_preamble(label, description.to_json()?);
         Ok(Self {
+            chunks,
             path: path.to_path_buf(),
-            file: part,
-            end: HEADER_BYTES as u64,
-            streams,
-            frames: Vec::new(),
+            beside: None,
+            chunk_nanos: None,
+            pose_sets: Vec::new(),
+            totals: BTreeMap::new(),
+            lost: Vec::new(),
         })
     }
 
-    /// How many frames have been written.
-    pub fn frame_count(&self) -> usize {
-        self.frames.len()
+    /// Id of the file.
+    pub fn file_id(&self) -> FileId {
+        self.chunks.file_id()
     }
 
-    /// Appends a frame: its time, later than the one before, its depth as a PNG of 16-bit grey and its colour
-    /// in the codec of the colour camera. The bytes are kept as they are; the caller has made sure that
-    /// they decode to images of the cameras' sizes.
+    /// Bytes of the file so far.
+    pub fn bytes(&self) -> u64 {
+        self.chunks.bytes()
+    }
+
+    /// What was written and lost of each stream so far.
+    pub fn totals(&self) -> impl Iterator<Item = &StreamTotals> {
+        self.totals.values()
+    }
+
+    /// Frames that had been taken and then could not be made durable.
+    pub fn lost(&self) -> &[Gap] {
+        &self.lost
+    }
+
+    /// Appends a frame: its payload as the encoder of the stream made it.
     pub fn write_frame(
         &mut self,
-        time_nanos: i64,
-        depth_png: &[u8],
-        color: &[u8],
+        stream: u16,
+        times: &FrameTimes,
+        payload: &[u8],
     ) -> Result<(), SequenceError> {
-        let index = self.frames.len();
-        if let Some(last) = self.frames.last()
-            && time_nanos <= last.time_nanos.get()
-        {
-            return Err(SequenceError::TimeOrder {
-                index,
-                nanos: time_nanos,
-                previous_nanos: last.time_nanos.get(),
-            });
-        }
-        let depth = self.append(depth_png, "a depth payload")?;
-        let color = self.append(color, "a colour payload")?;
-        self.frames.push(FrameEntry {
-            time_nanos: time_nanos.into(),
-            depth,
-            color,
-        });
+        let header = times.header();
+        let label = RecordLabel {
+            kind: RecordKind::Frame as u16,
+            stream,
+            flags: times.flags(),
+            number: times.number,
+            device_nanos: times.device_nanos,
+        };
+        self.append(label, &[header.as_bytes(), payload])?;
+        let totals = self.totals_of(stream);
+        totals.frames += 1;
+        totals.repeats += u64::from(times.is_repeat);
         Ok(())
     }
 
-    /// Writes pose sets, split and index, makes all of it durable and gives the file its name. Returns its
-    /// length in bytes.
-    pub fn finish(mut self, pose_sets: &[PoseSet], split: &Split) -> Result<u64, SequenceError> {
-        let path = self.path.clone();
-        self.append_tables(pose_sets, split)
-            .and_then(|header| self.seal(&header))
-            .map_err(|error| error.in_file(&path))
+    /// Stores a table of depth codes, before the first frame that names it.
+    pub fn write_table(&mut self, stream: u16, table: &CodeTable) -> Result<(), SequenceError> {
+        let bytes = table.to_bytes();
+        // The number keeps earlier tables of the stream, whose frames still need them in this chunk.
+        let label = RecordLabel::of(RecordKind::DepthTable, stream);
+        self.append(label, &[&bytes])?;
+        // A table extends the one before: later chunks need the last one only.
+        self.chunks.put_in_preamble(label, bytes);
+        Ok(())
     }
 
-    fn append_tables(
+    /// Says that frames are missing.
+    pub fn write_gap(&mut self, gap: &Gap) -> Result<(), SequenceError> {
+        let label = RecordLabel {
+            kind: RecordKind::Gap as u16,
+            stream: gap.stream,
+            number: gap.first_number,
+            ..RecordLabel::default()
+        };
+        self.append(label, &[gap.header().as_bytes(), gap.note.as_bytes()])?;
+        self.totals_of(gap.stream).missing += gap.count;
+        Ok(())
+    }
+
+    /// Says what changed or went wrong.
+    pub fn write_event(&mut self, event: &Event) -> Result<(), SequenceError> {
+        let label = RecordLabel::of(RecordKind::Event, event.stream);
+        self.append(label, &[&event.payload()])
+    }
+
+    /// Keeps words of the user.
+    pub fn write_note(&mut self, note: &Note) -> Result<(), SequenceError> {
+        self.append(RecordLabel::of(RecordKind::Note, 0), &[&note.payload()])
+    }
+
+    /// Keeps counts.
+    pub fn write_histogram(
         &mut self,
-        pose_sets: &[PoseSet],
-        split: &Split,
-    ) -> Result<Header, SequenceError> {
-        let frame_count = u32::try_from(self.frames.len()).map_err(|_| SequenceError::Value {
-            name: "the number of frames",
-            value: self.frames.len() as f64,
-            expected: "below 2^32",
-        })?;
-        split.check(frame_count)?;
-        let mut poses = Vec::with_capacity(pose_sets.len() * self.frames.len());
-        for (position, set) in pose_sets.iter().enumerate() {
-            require_pose_set_name(&set.name, &pose_sets[..position])?;
-            if set.world_from_depth.len() != self.frames.len() {
-                return Err(SequenceError::Count {
-                    what: "poses",
-                    count: set.world_from_depth.len() as u64,
-                    expected: self.frames.len() as u64,
-                    of: "frames",
-                });
-            }
-            poses.extend(set.world_from_depth.iter().map(pose_entry));
+        stream: u16,
+        histogram: &Histogram,
+    ) -> Result<(), SequenceError> {
+        let payload = serde_json::to_vec(histogram)?;
+        self.append(RecordLabel::of(RecordKind::Histogram, stream), &[&payload])
+    }
+
+    /// Keeps a direction of down in the axes of a stream's camera.
+    pub fn write_gravity(&mut self, stream: u16, gravity: &Gravity) -> Result<(), SequenceError> {
+        let label = RecordLabel::of(RecordKind::Gravity, stream);
+        self.append(label, &[gravity.bytes().as_bytes()])
+    }
+
+    /// Keeps which frames training may see.
+    pub fn write_split(&mut self, split: &Split) -> Result<(), SequenceError> {
+        let payload = serde_json::to_vec(split)?;
+        self.append(RecordLabel::of(RecordKind::Split, 0), &[&payload])
+    }
+
+    /// Begins a pose set of the camera of `stream`; returns its id.
+    pub fn begin_poses(
+        &mut self,
+        name: &str,
+        producer: &str,
+        stream: u16,
+    ) -> Result<u16, SequenceError> {
+        require_pose_set_name(name, self.pose_sets.iter())?;
+        let head = PoseSetHead {
+            id: self.pose_sets.len() as u16 + 1,
+            name: name.to_owned(),
+            producer: producer.to_owned(),
+            stream,
+        };
+        let payload = serde_json::to_vec(&head)?;
+        let label = RecordLabel {
+            // Several sets stand in the preamble.
+            number: u64::from(head.id),
+            ..RecordLabel::of(RecordKind::PoseSet, 0)
+        };
+        self.append(label, &[&payload])?;
+        self.chunks.put_in_preamble(label, payload);
+        let id = head.id;
+        self.pose_sets.push(head);
+        Ok(id)
+    }
+
+    /// Appends poses to a set.
+    pub fn write_poses(&mut self, set: u16, poses: &[FramePose]) -> Result<(), SequenceError> {
+        let head = self.pose_sets.iter().find(|head| head.id == set);
+        let stream = head.map_or(0, |head| head.stream);
+        let label = RecordLabel::of(RecordKind::Poses, stream);
+        self.append(label, &[&poses_payload(set, poses)])
+    }
+
+    /// Appends a record of any kind with the payload it has: for copies.
+    pub fn write_copy(&mut self, label: RecordLabel, payload: &[u8]) -> Result<(), SequenceError> {
+        self.append(label, &[payload])
+    }
+
+    /// Seals the open chunk when it is old or big enough. `now_nanos` is of any clock that runs with the
+    /// recording, always the same one.
+    pub fn seal_if_due(&mut self, now_nanos: i64) -> Result<(), SequenceError> {
+        let since = *self.chunk_nanos.get_or_insert(now_nanos);
+        let is_old = now_nanos.saturating_sub(since) >= CHUNK_NANOS;
+        if is_old || self.chunks.unsealed_bytes() >= CHUNK_BYTES {
+            self.seal()?;
         }
-        let names = pose_sets.iter().map(|set| set.name.clone()).collect();
-        let json = Description::new(&self.streams, names, split.clone()).to_json()?;
-        let description = self.append(&json, "the description")?;
-        let frames = std::mem::take(&mut self.frames);
-        let frames = self.append(frames.as_bytes(), "the frame index")?;
-        let poses = self.append(poses.as_bytes(), "the pose tables")?;
-        Ok(Header::sealed(self.end, description, frames, poses))
+        Ok(())
     }
 
-    /// The header last: until then the file does not begin like a recording.
-    fn seal(mut self, header: &Header) -> Result<u64, SequenceError> {
-        self.file.seek(SeekFrom::Start(0))?;
-        self.file.write_all(header.as_bytes())?;
-        let part = self
-            .file
-            .into_inner()
-            .map_err(std::io::IntoInnerError::into_error)?;
-        part.as_file().sync_all()?;
-        part.persist(&self.path).map_err(|error| error.error)?;
-        // Makes the name itself durable.
-        File::open(folder_of(&self.path))?.sync_all()?;
-        Ok(self.end)
+    /// Seals the open chunk. Frames that the disk refuses become gaps of the next chunk.
+    pub fn seal(&mut self) -> Result<(), SequenceError> {
+        self.chunk_nanos = None;
+        let sealing = self
+            .chunks
+            .seal()
+            .map_err(|error| error.in_file(&self.path))?;
+        self.note_losses(sealing)
     }
 
-    fn append(&mut self, content: &[u8], part: &'static str) -> Result<Section, SequenceError> {
-        let section = Section::of(self.end, content).ok_or(SequenceError::Section {
-            part,
-            offset: self.end,
-            bytes: content.len() as u64,
-        })?;
-        self.file
-            .write_all(content)
-            .map_err(|error| SequenceError::from(error).in_file(&self.path))?;
-        self.end += content.len() as u64;
-        Ok(section)
+    /// Closes the file and makes it durable; one that was begun beside its name gets it. Frames that could
+    /// not be made durable are in [`Finished::lost`].
+    pub fn finish(mut self, reason: &str) -> Result<Finished, SequenceError> {
+        let path = self.path.clone();
+        self.close(reason).map_err(|error| match error {
+            SequenceError::InFile { .. } => error,
+            error => error.in_file(&path),
+        })
+    }
+
+    fn close(&mut self, reason: &str) -> Result<Finished, SequenceError> {
+        let mut end = self.end(reason);
+        let sealing = self.chunks.close(&serde_json::to_vec(&end)?)?;
+        if sealing != Sealing::Done {
+            self.note_losses(sealing)?;
+            end = self.end(reason);
+            if self.chunks.close(&serde_json::to_vec(&end)?)? != Sealing::Done {
+                return Err(SequenceError::NotDurable);
+            }
+        }
+        let bytes = self.chunks.cut()?;
+        if let Some(beside) = self.beside.take() {
+            beside.persist(&self.path).map_err(|error| error.error)?;
+            File::open(folder_of(&self.path))?.sync_all()?;
+        }
+        Ok(Finished {
+            bytes,
+            end,
+            lost: std::mem::take(&mut self.lost),
+        })
+    }
+
+    fn end(&self, reason: &str) -> End {
+        End {
+            reason: reason.to_owned(),
+            streams: self.totals.values().copied().collect(),
+        }
+    }
+
+    fn append(&mut self, label: RecordLabel, parts: &[&[u8]]) -> Result<(), SequenceError> {
+        self.chunks
+            .append(label, parts)
+            .map_err(|error| error.in_file(&self.path))
+    }
+
+    fn totals_of(&mut self, stream: u16) -> &mut StreamTotals {
+        self.totals.entry(stream).or_insert(StreamTotals {
+            id: stream,
+            ..StreamTotals::default()
+        })
+    }
+
+    fn note_losses(&mut self, sealing: Sealing) -> Result<(), SequenceError> {
+        let Sealing::Lost(labels) = sealing else {
+            return Ok(());
+        };
+        for label in &labels {
+            if label.kind == RecordKind::Frame as u16 {
+                let totals = self.totals_of(label.stream);
+                totals.frames = totals.frames.saturating_sub(1);
+            }
+        }
+        let other_count = labels
+            .iter()
+            .filter(|label| label.kind != RecordKind::Frame as u16)
+            .count();
+        for gap in gaps_of(&labels) {
+            self.write_gap(&gap)?;
+            self.lost.push(gap);
+        }
+        let details = serde_json::json!({
+            "event": "warning",
+            "message": format!(
+                "the disk refused a chunk; beside its frames, {other_count} other records are gone"
+            ),
+        });
+        self.write_event(&Event {
+            stream: 0,
+            host_nanos: 0,
+            details,
+        })
     }
 }
 
-fn begin(path: &Path) -> std::io::Result<BufWriter<NamedTempFile>> {
-    let part = tempfile::Builder::new()
-        .prefix(".glint-")
-        .suffix(".part")
-        // As any program's files: the umask decides. Temporary files would be private.
-        .permissions(Permissions::from_mode(0o666))
-        .tempfile_in(folder_of(path))?;
-    let mut file = BufWriter::with_capacity(1 << 20, part);
-    file.write_all(&[0; HEADER_BYTES])?;
-    Ok(file)
+/// What [`RecordingWriter::finish`] made.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Finished {
+    /// Length of the file.
+    pub bytes: u64,
+    /// Reason and totals, as they stand in the file.
+    pub end: End,
+    /// Frames that the disk refused.
+    pub lost: Vec<Gap>,
 }
 
-fn folder_of(path: &Path) -> &Path {
+/// The frames among `labels` as gaps, one for each run of numbers of a stream.
+fn gaps_of(labels: &[RecordLabel]) -> Vec<Gap> {
+    let mut frames: Vec<&RecordLabel> = labels
+        .iter()
+        .filter(|label| label.kind == RecordKind::Frame as u16)
+        .collect();
+    frames.sort_by_key(|label| (label.stream, label.number));
+    let mut gaps: Vec<Gap> = Vec::new();
+    for label in frames {
+        match gaps.last_mut() {
+            Some(gap)
+                if gap.stream == label.stream && gap.first_number + gap.count == label.number =>
+            {
+                gap.count += 1;
+            }
+            _ => gaps.push(Gap {
+                stream: label.stream,
+                first_number: label.number,
+                count: 1,
+                from_nanos: None,
+                to_nanos: None,
+                cause: Some(GapCause::DiskError),
+                note: String::new(),
+            }),
+        }
+    }
+    gaps
+}
+
+pub(crate) fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
-    }
-}
-
-fn pose_entry(pose: &Option<Pose>) -> PoseEntry {
-    let Some(pose) = pose else {
-        return PoseEntry {
-            state: 0.into(),
-            rotation: [0.0.into(); 4],
-            translation: [0.0.into(); 3],
-        };
-    };
-    PoseEntry {
-        state: 1.into(),
-        rotation: pose.rotation().to_array().map(Into::into),
-        translation: pose.translation().to_array().map(Into::into),
-    }
-}
-
-/// Pose sets that a recording may have: keeps a hostile list of names from costing time.
-const MOST_POSE_SETS: usize = 256;
-
-/// Refuses a name that would be awkward on a command line, one that `earlier` sets have, and too many.
-pub(crate) fn require_pose_set_name(name: &str, earlier: &[PoseSet]) -> Result<(), SequenceError> {
-    let usable = (1..=64).contains(&name.len())
-        && name
-            .bytes()
-            .all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_');
-    if usable && earlier.len() < MOST_POSE_SETS && earlier.iter().all(|set| set.name != name) {
-        Ok(())
-    } else {
-        Err(SequenceError::PoseSetName(name.to_owned()))
     }
 }

@@ -4,8 +4,8 @@
 //! `folder` and `seven_scenes` the two layouts · `split` who may see what · [`checks`] plausibility, before
 //! anything is written · [`report`] what was done · [`error`] what is refused.
 //!
-//! Image bytes are kept; every image is decoded once, so that what is written can be read. Masks and truth
-//! beside the frames are not looked at.
+//! Every pixel is kept: depth and PNG colour are coded anew without loss, JPEG keeps its bytes (and is decoded
+//! once, so that what is written can be read). Masks and truth beside the frames are not looked at.
 
 pub mod checks;
 pub mod error;
@@ -25,7 +25,12 @@ use clap::ValueEnum;
 use geometry::Pose;
 use imaging::{Image, decode_jpeg, decode_png_gray16, decode_png_rgb8, metres_from_raw};
 use rayon::prelude::*;
-use sequence::{ColorCodec, PoseSet, RecordingWriter, Streams};
+use sequence::codecs::DepthCodec;
+use sequence::encode::{ColorStreamEncoder, DepthStreamEncoder};
+use sequence::{
+    COLOR_STREAM, ColorEncoding, Created, DEPTH_STREAM, Description, FileId, FramePose, FrameTimes,
+    RecordingWriter, StreamTiming, Streams,
+};
 use serde::Serialize;
 
 pub use error::ImportError;
@@ -90,13 +95,18 @@ pub fn import(
         return Err(ImportError::NoRig { path: rig_path }.into());
     }
     let rig = Rig::read(&rig_path)?;
-    let streams = rig.streams(&rig_path)?;
+    let mut streams = rig.streams(&rig_path)?;
     let range = options.range.as_ref();
     let source = match format {
         ImportFormat::Folder => folder::read(&options.input, range)?,
-        ImportFormat::SevenScenes => seven_scenes::read(&options.input, range, rig.frame_rate)?,
+        ImportFormat::SevenScenes => {
+            let rate_hz = rig.frame_rate.unwrap_or(seven_scenes::ASSUMED_RATE_HZ);
+            streams.depth_timing = StreamTiming::at_rate(rate_hz);
+            streams.color_timing = streams.depth_timing;
+            seven_scenes::read(&options.input, range, rate_hz)?
+        }
     };
-    require_codec(&source, streams.color.codec)?;
+    require_encoding(&source, streams.color.encoding)?;
     let split_path = options.split.clone().or_else(|| {
         let beside = options.input.join("split.json");
         beside.exists().then_some(beside)
@@ -105,15 +115,34 @@ pub fn import(
     let poses = world_from_depth(&source, rig.poses, &streams.color_from_depth);
     let pose_fit = check_samples(&source, &poses, &streams)?;
 
-    let mut writer = RecordingWriter::create(&options.output, streams.clone())?;
+    let description = Description {
+        writer: concat!("glint ", env!("CARGO_PKG_VERSION")).to_owned(),
+        // Nothing was filmed now: an import is the same file at any time of day.
+        created: Created::default(),
+        part: None,
+        streams: streams.clone(),
+        depth_id: DEPTH_STREAM,
+        color_id: COLOR_STREAM,
+    };
+    let poses: Vec<FramePose> = (0..)
+        .zip(poses)
+        .map(|(number, pose)| FramePose::ok(number, pose))
+        .collect();
+    // Not random: the same folder makes the same file.
+    let file_id = FileId::of_content(&[
+        &description.to_json()?,
+        format!("{split:?} {poses:?} {:?}", source.frames).as_bytes(),
+    ]);
+    let mut writer = RecordingWriter::create_beside(&options.output, file_id, &description)?;
+    let set = writer.begin_poses(POSE_SET, &description.writer, DEPTH_STREAM)?;
+    writer.write_split(&split)?;
     let copied = copy_frames(&source, &streams, &mut writer, progress)?;
     let times = [source.frames.first(), source.frames.last()]
         .map(|frame| frame.map_or(0, |frame| frame.time_nanos));
-    let pose_set = PoseSet {
-        name: POSE_SET.to_owned(),
-        world_from_depth: poses.into_iter().map(Some).collect(),
-    };
-    let bytes = writer.finish(&[pose_set], &split)?;
+    writer.write_poses(set, &poses)?;
+    let finished = writer.finish("complete")?;
+    require_nothing_lost(&options.output, &finished.lost)?;
+    let bytes = finished.bytes;
     let mut notes = source.notes;
     notes.extend(split_notes);
     notes.extend(rig.notes());
@@ -160,22 +189,30 @@ fn recognise(folder: &Path) -> Result<ImportFormat, ImportError> {
 }
 
 /// All colour images must be what the rig file says; the names tell.
-fn require_codec(source: &Source, codec: ColorCodec) -> Result<(), ImportError> {
+fn require_encoding(source: &Source, encoding: ColorEncoding) -> Result<(), ImportError> {
     for frame in &source.frames {
         let is_png = frame
             .color
             .extension()
             .is_some_and(|extension| extension == "png");
-        if is_png != (codec == ColorCodec::Png) {
+        if is_png != (encoding == ColorEncoding::Rgb8) {
             return Err(ImportError::MixedColor {
                 path: frame.color.clone(),
-                expected: match codec {
-                    ColorCodec::Png => "png",
-                    ColorCodec::Jpeg => "jpeg",
-                },
+                expected: if is_png { "jpeg" } else { "png" },
             });
         }
     }
+    Ok(())
+}
+
+/// An import is whole or it is none.
+fn require_nothing_lost(path: &Path, lost: &[sequence::Gap]) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        lost.is_empty(),
+        "{}: the disk reported errors and {} frames are missing; import it again to another disk",
+        path.display(),
+        lost.iter().map(|gap| gap.count).sum::<u64>()
+    );
     Ok(())
 }
 
@@ -236,29 +273,28 @@ fn require_size<T>(
 
 /// A frame that was read and decoded.
 struct LoadedFrame {
-    depth_png: Vec<u8>,
-    color: Vec<u8>,
     codes: Image<u16>,
+    /// What the colour encoder takes: the file itself for JPEG, the samples for PNG.
+    color: Vec<u8>,
 }
 
 fn load(frame: &SourceFrame, streams: &Streams) -> Result<LoadedFrame, ImportError> {
-    let depth_png = read_file(&frame.depth)?;
-    let codes = depth_codes(&frame.depth, &depth_png, streams)?;
-    let color = read_file(&frame.color)?;
-    let decoded = match streams.color.codec {
-        ColorCodec::Jpeg => decode_jpeg(&color),
-        ColorCodec::Png => decode_png_rgb8(&color),
+    let codes = depth_codes(&frame.depth, &read_file(&frame.depth)?, streams)?;
+    let file = read_file(&frame.color)?;
+    let decoded = match streams.color.encoding {
+        ColorEncoding::Jpeg => decode_jpeg(&file),
+        _ => decode_png_rgb8(&file),
     };
     let decoded = decoded.map_err(|source| ImportError::Image {
         path: frame.color.clone(),
         source,
     })?;
     require_size(&frame.color, "color", &decoded, &streams.color.intrinsics)?;
-    Ok(LoadedFrame {
-        depth_png,
-        color,
-        codes,
-    })
+    let color = match streams.color.encoding {
+        ColorEncoding::Jpeg => file,
+        _ => decoded.pixels().as_flattened().to_vec(),
+    };
+    Ok(LoadedFrame { codes, color })
 }
 
 /// What was counted while frames were copied.
@@ -302,7 +338,10 @@ fn copy_frames(
         repeated_depth_count: 0,
         repeated_color_count: 0,
     };
+    let mut depth_encoder = DepthStreamEncoder::new(streams, DepthCodec::Dense)?;
+    let mut color_encoder = ColorStreamEncoder::new(streams)?;
     let mut previous: Option<LoadedFrame> = None;
+    let mut number = 0;
     for batch in source.frames.chunks(BATCH) {
         crate::interrupt::check()?;
         let loaded: Vec<Result<LoadedFrame, ImportError>> =
@@ -310,14 +349,35 @@ fn copy_frames(
         for (frame, loaded) in batch.iter().zip(loaded) {
             // In order: the first bad frame is the one reported, whatever thread met another.
             let loaded = loaded?;
-            writer.write_frame(frame.time_nanos, &loaded.depth_png, &loaded.color)?;
-            copied.count(&loaded.codes, streams);
-            if let Some(previous) = &previous {
-                copied.repeated_depth_count += usize::from(previous.depth_png == loaded.depth_png);
-                copied.repeated_color_count += usize::from(previous.color == loaded.color);
+            let repeats = |is_same: fn(&LoadedFrame, &LoadedFrame) -> bool| {
+                previous
+                    .as_ref()
+                    .is_some_and(|previous| is_same(previous, &loaded))
+            };
+            let depth_times = FrameTimes {
+                number,
+                device_nanos: frame.time_nanos,
+                is_repeat: repeats(|a, b| a.codes == b.codes),
+                ..FrameTimes::default()
+            };
+            let color_times = FrameTimes {
+                is_repeat: repeats(|a, b| a.color == b.color),
+                ..depth_times
+            };
+            let (payload, table) = depth_encoder.encode(loaded.codes.pixels())?;
+            if let Some(table) = table {
+                writer.write_table(DEPTH_STREAM, table)?;
             }
+            writer.write_frame(DEPTH_STREAM, &depth_times, payload)?;
+            let payload = color_encoder.encode(&loaded.color)?;
+            writer.write_frame(COLOR_STREAM, &color_times, payload)?;
+            writer.seal_if_due(frame.time_nanos)?;
+            copied.count(&loaded.codes, streams);
+            copied.repeated_depth_count += usize::from(depth_times.is_repeat);
+            copied.repeated_color_count += usize::from(color_times.is_repeat);
             previous = Some(loaded);
-            progress(writer.frame_count(), source.frames.len());
+            number += 1;
+            progress(number as usize, source.frames.len());
         }
     }
     Ok(copied)

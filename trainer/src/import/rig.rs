@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use geometry::Pose;
-use sequence::{ColorCamera, ColorCodec, DepthCamera, ResponseCurve, Streams, VignettingCurve};
+use sequence::{
+    ColorCamera, ColorEncoding, DepthCamera, ResponseCurve, StreamTiming, Streams, VignettingCurve,
+};
 use serde::Deserialize;
 
 use super::error::{ImportError, read_text};
@@ -58,7 +60,7 @@ pub enum PoseCamera {
 pub struct ColorRig {
     width: u32,
     height: u32,
-    format: ColorCodec,
+    format: ColorFileFormat,
     fx: f64,
     fy: f64,
     cx: f64,
@@ -72,6 +74,26 @@ pub struct ColorRig {
     vignetting: Option<VignettingCurve>,
     exposure: Option<ExposureRig>,
     noise: Option<NoiseRig>,
+}
+
+/// What the colour images are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum ColorFileFormat {
+    /// JPEG.
+    Jpeg,
+    /// PNG of 8 bits a channel.
+    Png,
+}
+
+impl ColorFileFormat {
+    /// How a recording keeps them.
+    fn encoding(self) -> ColorEncoding {
+        match self {
+            Self::Jpeg => ColorEncoding::Jpeg,
+            Self::Png => ColorEncoding::Rgb8,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -168,13 +190,17 @@ impl Rig {
             .map_err(describe)?,
             color: ColorCamera::new(
                 judge.camera("color", color.intrinsics())?,
-                color.format,
+                color.format.encoding(),
                 color.exposure.map_or(1.0, |exposure| exposure.relative) as f32,
                 color.response.clone().unwrap_or(ResponseCurve::Identity),
                 color.vignetting.clone().unwrap_or(VignettingCurve::None),
             )
             .map_err(describe)?,
             color_from_depth: self.color_from_depth(path)?,
+            // Only a folder without times is known to have a rate: the importer sets it.
+            depth_timing: StreamTiming::default(),
+            color_timing: StreamTiming::default(),
+            device: None,
         })
     }
 

@@ -13,16 +13,15 @@ pub(crate) const PREFIX: &str = "frame-";
 pub(crate) const POSE_SUFFIX: &str = ".pose.txt";
 
 /// Rate of the sensor that recorded the data set, for a rig file that names none.
-const ASSUMED_RATE_HZ: f64 = 30.0;
+pub(crate) const ASSUMED_RATE_HZ: f64 = 30.0;
 
 /// Reads what is beside the images.
 pub(crate) fn read(
     folder: &Path,
     range: Option<&Range<usize>>,
-    rate_hz: Option<f64>,
+    rate_hz: f64,
 ) -> Result<Source, ImportError> {
     let images = Images::find(folder, PREFIX, range)?;
-    let rate_hz = rate_hz.unwrap_or(ASSUMED_RATE_HZ);
     let mut worst_rotation_error = 0.0_f64;
     let mut frames = Vec::with_capacity(images.wanted.len());
     for (number, color, depth) in images.wanted {

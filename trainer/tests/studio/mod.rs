@@ -7,8 +7,11 @@ use geometry::{DVec3, Intrinsics, PanoramaSize, Pose, direction};
 use glam::Vec3;
 use imaging::{Image, encode_png_gray16, encode_png_rgb8};
 use raytrace::{Hit, MirrorQuery, NO_TRIANGLE, Scene, visibility_buffer};
+use sequence::codecs::DepthCodec;
+use sequence::encode::{ColorStreamEncoder, DepthStreamEncoder};
 use sequence::{
-    ColorCamera, ColorCodec, DepthCamera, PoseSet, RecordingWriter, ResponseCurve, Split, Streams,
+    COLOR_STREAM, ColorCamera, ColorEncoding, Created, DEPTH_STREAM, DepthCamera, Description,
+    FileId, FramePose, FrameTimes, RecordingWriter, ResponseCurve, Split, StreamTiming, Streams,
     VignettingCurve,
 };
 
@@ -205,13 +208,16 @@ pub(crate) fn streams() -> Streams {
         depth: DepthCamera::new(intrinsics, 0.001, 0.3..=3.0).unwrap(),
         color: ColorCamera::new(
             intrinsics,
-            ColorCodec::Png,
+            ColorEncoding::Rgb8,
             1.0,
             ResponseCurve::Gamma { gamma: GAMMA },
             VignettingCurve::None,
         )
         .unwrap(),
         color_from_depth: Pose::IDENTITY,
+        depth_timing: StreamTiming::at_rate(10.0),
+        color_timing: StreamTiming::at_rate(10.0),
+        device: None,
     }
 }
 
@@ -287,25 +293,52 @@ pub(crate) fn code(linear: f32) -> u8 {
 
 /// Writes frames with poses as a recording whose last quarter is held out.
 pub(crate) fn write(path: &Path, frames: &[Frame], poses: &[Pose]) {
-    let mut writer = RecordingWriter::create(path, streams()).unwrap();
-    for frame in frames {
-        let depth = encode_png_gray16(&frame.depth).unwrap();
-        let color = encode_png_rgb8(&frame.color).unwrap();
-        writer
-            .write_frame(frame.time_nanos, &depth, &color)
+    let description = Description {
+        writer: "studio".to_owned(),
+        created: Created::default(),
+        part: None,
+        streams: streams(),
+        depth_id: DEPTH_STREAM,
+        color_id: COLOR_STREAM,
+    };
+    let id = FileId::of_content(&[b"studio"]);
+    let mut writer = RecordingWriter::create_beside(path, id, &description).unwrap();
+    let mut depth_encoder = DepthStreamEncoder::new(&streams(), DepthCodec::Fast).unwrap();
+    let mut color_encoder = ColorStreamEncoder::new(&streams()).unwrap();
+    for (number, frame) in (0..).zip(frames) {
+        let times = FrameTimes {
+            number,
+            device_nanos: frame.time_nanos,
+            ..FrameTimes::default()
+        };
+        let (payload, table) = depth_encoder.encode(frame.depth.pixels()).unwrap();
+        if let Some(table) = table {
+            writer.write_table(DEPTH_STREAM, table).unwrap();
+        }
+        writer.write_frame(DEPTH_STREAM, &times, payload).unwrap();
+        let payload = color_encoder
+            .encode(frame.color.pixels().as_flattened())
             .unwrap();
+        writer.write_frame(COLOR_STREAM, &times, payload).unwrap();
+        writer.seal_if_due(frame.time_nanos).unwrap();
     }
-    let source = PoseSet {
-        name: "source".to_owned(),
-        world_from_depth: poses.iter().copied().map(Some).collect(),
-    };
+    let set = writer
+        .begin_poses("source", "studio", DEPTH_STREAM)
+        .unwrap();
+    let stored: Vec<FramePose> = (0..)
+        .zip(poses)
+        .map(|(number, pose)| FramePose::ok(number, *pose))
+        .collect();
+    writer.write_poses(set, &stored).unwrap();
     let first_test = FRAME_COUNT * 3 / 4;
-    let split = Split {
-        train: (0..first_test).collect(),
-        unused: Vec::new(),
-        test: (first_test..FRAME_COUNT).collect(),
-    };
-    writer.finish(&[source], &split).unwrap();
+    writer
+        .write_split(&Split {
+            train: (0..first_test).collect(),
+            unused: Vec::new(),
+            test: (first_test..FRAME_COUNT).collect(),
+        })
+        .unwrap();
+    writer.finish("complete").unwrap();
 }
 
 /// Rig file of [`streams`].

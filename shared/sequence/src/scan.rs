@@ -1,0 +1,693 @@
+//! From chunk to chunk through a file, around what is damaged: `docs/sequence-format.md` section 7.
+
+use zerocopy::FromBytes as _;
+
+use crate::checksum::{Beginning, FileId, is_commit, is_some_chunk};
+use crate::chunk_writer::RecordLabel;
+use crate::error::SequenceError;
+use crate::layout::{
+    CHUNK_MAGIC, ChunkHeader, CommitMark, FLAG_REPEAT, FileHeader, FrameHeader, GapHeader,
+    IndexBytes, MOST_PAYLOAD_BYTES, PAGE, RECORD_HEADER_BYTES, RECORD_MAGIC, RECORDS_OFFSET,
+    RecordHeader, chunk_end, record_bytes,
+};
+use crate::record::RecordKind;
+use crate::source::ByteSource;
+
+/// How much a scan looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Checking {
+    /// Headers, commit marks and indices: enough to open a file.
+    Marks,
+    /// Every byte, and the records of a tail that was never sealed.
+    Everything,
+}
+
+/// Where a record lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RecordPlace {
+    /// Offset of its header in the file.
+    pub offset: u64,
+    /// Bytes of its payload.
+    pub payload_bytes: u32,
+    /// Sequence number.
+    pub sequence: u64,
+    /// What the index says of it.
+    pub label: RecordLabel,
+}
+
+/// What a chunk is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChunkState {
+    /// Sealed.
+    Sealed,
+    /// Between two chunks, without a header of its own; its records were found by walking.
+    Headless,
+    /// Behind the last sealed chunk: never sealed, or cut off.
+    Tail,
+}
+
+/// A chunk that was found.
+#[derive(Clone, Debug)]
+pub struct Chunk {
+    /// Offset in the file.
+    pub start: u64,
+    /// Where the next one should be.
+    pub end: u64,
+    /// Its number, where it has a header.
+    pub number: Option<u64>,
+    /// What it is worth.
+    pub state: ChunkState,
+    /// Its records, without the index. Only with [`Checking::Everything`] are all of them known to be whole.
+    pub records: Vec<RecordPlace>,
+    /// What is wrong with it.
+    pub damages: Vec<Damage>,
+}
+
+/// Something that is not as it was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Damage {
+    /// The beginning of the file.
+    FileHeader,
+    /// No chunk begins where one should; `bytes` up to the next one.
+    Header {
+        /// Where.
+        offset: u64,
+        /// How much was walked instead.
+        bytes: u64,
+    },
+    /// A commit mark, of a chunk whose records are whole.
+    CommitMark {
+        /// Number of the chunk.
+        chunk: u64,
+    },
+    /// An index; the records were found by walking.
+    Index {
+        /// Number of the chunk.
+        chunk: u64,
+    },
+    /// A record is lost.
+    Record {
+        /// Where.
+        offset: u64,
+        /// What it was.
+        label: RecordLabel,
+    },
+    /// Bytes between records, which hold nothing.
+    Padding {
+        /// Number of the chunk.
+        chunk: u64,
+    },
+    /// Bytes behind the last sealed chunk that are not all zero.
+    Tail {
+        /// Where they begin.
+        offset: u64,
+        /// How many there are up to the end of the file.
+        bytes: u64,
+    },
+}
+
+/// Walks through a file chunk by chunk.
+pub struct Scanner<'source, S: ByteSource + ?Sized> {
+    source: &'source S,
+    file_id: FileId,
+    checking: Checking,
+    position: u64,
+    byte_count: u64,
+    least_number: u64,
+    is_at_end: bool,
+}
+
+impl<'source, S: ByteSource + ?Sized> Scanner<'source, S> {
+    /// A scan of `source` from its first chunk.
+    ///
+    /// # Errors
+    /// When the beginning is not that of a recording of this version.
+    pub fn begin(source: &'source S, checking: Checking) -> Result<Self, SequenceError> {
+        match beginning(source)? {
+            Beginning::Recording(file_id) => Self::of_file(source, file_id, checking),
+            Beginning::Damaged => Err(SequenceError::HeaderDamaged),
+            Beginning::OtherVersion => Err(SequenceError::OtherVersion),
+            Beginning::Foreign => Err(SequenceError::NotARecording),
+        }
+    }
+
+    /// A scan of a file whose id is known.
+    pub fn of_file(
+        source: &'source S,
+        file_id: FileId,
+        checking: Checking,
+    ) -> Result<Self, SequenceError> {
+        Ok(Self {
+            source,
+            file_id,
+            checking,
+            position: PAGE,
+            byte_count: source.byte_count()?,
+            least_number: 0,
+            is_at_end: false,
+        })
+    }
+
+    /// Id of the file.
+    pub fn file_id(&self) -> FileId {
+        self.file_id
+    }
+
+    /// Where the next chunk should begin.
+    pub fn position(&self) -> u64 {
+        self.position
+    }
+
+    /// The next chunk if it is committed; the scan stays where it is when it is not (yet). For files that
+    /// grow.
+    pub fn next_committed(&mut self) -> Result<Option<Chunk>, SequenceError> {
+        self.byte_count = self.source.byte_count()?;
+        let Some((header, mark)) = self.headers(self.position)? else {
+            return Ok(None);
+        };
+        let end = chunk_end(self.position, header.records_bytes.get());
+        match end {
+            Some(end) if is_commit(&mark, &header) && end <= self.byte_count => {
+                self.chunk(&header, &mark, end).map(Some)
+            }
+            _ => Ok(None),
+        }
+    }
+
+    /// The next chunk, or what lies in its place; `None` at the end.
+    pub fn next_chunk(&mut self) -> Result<Option<Chunk>, SequenceError> {
+        if self.is_at_end || self.position >= self.byte_count {
+            return Ok(None);
+        }
+        let start = self.position;
+        if let Some((header, mark)) = self.headers(start)?
+            && let Some(end) = chunk_end(start, header.records_bytes.get())
+            && start + RECORDS_OFFSET + header.records_bytes.get() <= self.byte_count
+        {
+            let is_sealed = is_commit(&mark, &header)
+                || crc_of(
+                    self.source,
+                    start + RECORDS_OFFSET,
+                    header.records_bytes.get(),
+                )? == Some(header.records_crc.get());
+            if is_sealed {
+                return self.chunk(&header, &mark, end).map(Some);
+            }
+        }
+        match self.find_header(start + PAGE)? {
+            Some(next) => {
+                self.position = next;
+                let bytes = next - start;
+                let (records, _) = self.walk(start, next)?;
+                Ok(Some(Chunk {
+                    start,
+                    end: next,
+                    number: None,
+                    state: ChunkState::Headless,
+                    records,
+                    damages: vec![Damage::Header {
+                        offset: start,
+                        bytes,
+                    }],
+                }))
+            }
+            None => self.tail(start),
+        }
+    }
+
+    /// What lies behind the last sealed chunk.
+    fn tail(&mut self, start: u64) -> Result<Option<Chunk>, SequenceError> {
+        self.is_at_end = true;
+        if !self.has_content(start)? {
+            return Ok(None);
+        }
+        let records = match self.checking {
+            Checking::Marks => Vec::new(),
+            Checking::Everything => self.walk(start, self.byte_count)?.0,
+        };
+        Ok(Some(Chunk {
+            start,
+            end: self.byte_count,
+            number: None,
+            state: ChunkState::Tail,
+            records,
+            damages: vec![Damage::Tail {
+                offset: start,
+                bytes: self.byte_count - start,
+            }],
+        }))
+    }
+
+    /// A sealed chunk at the position; moves behind it.
+    fn chunk(
+        &mut self,
+        header: &ChunkHeader,
+        mark: &CommitMark,
+        end: u64,
+    ) -> Result<Chunk, SequenceError> {
+        let start = self.position;
+        let number = header.number.get();
+        let records_end = start + RECORDS_OFFSET + header.records_bytes.get();
+        let mut chunk = Chunk {
+            start,
+            end,
+            number: Some(number),
+            state: ChunkState::Sealed,
+            records: Vec::new(),
+            damages: Vec::new(),
+        };
+        self.position = end;
+        self.least_number = number.saturating_add(1);
+        if header.record_count.get() == 0 {
+            // Given up by its writer: nothing in it counts.
+            return Ok(chunk);
+        }
+        if !is_commit(mark, header) {
+            chunk.damages.push(Damage::CommitMark { chunk: number });
+        }
+        let index = self.indexed(start, u64::from(header.index_offset.get()), records_end)?;
+        let is_indexed = index.is_some();
+        chunk.records = match index {
+            Some(records) => records,
+            None => {
+                chunk.damages.push(Damage::Index { chunk: number });
+                self.walk(start + RECORDS_OFFSET, records_end)?.0
+            }
+        };
+        if self.checking == Checking::Everything {
+            let crc = crc_of(
+                self.source,
+                start + RECORDS_OFFSET,
+                header.records_bytes.get(),
+            )?;
+            if crc != Some(header.records_crc.get()) {
+                self.check_records(&mut chunk, is_indexed)?;
+            }
+        }
+        Ok(chunk)
+    }
+
+    /// Takes the records out that are damaged, and names them.
+    fn check_records(&self, chunk: &mut Chunk, is_indexed: bool) -> Result<(), SequenceError> {
+        let mut whole = Vec::with_capacity(chunk.records.len());
+        for place in &chunk.records {
+            if self.payload(place)?.is_some() {
+                whole.push(*place);
+            } else {
+                chunk.damages.push(Damage::Record {
+                    offset: place.offset,
+                    label: place.label,
+                });
+            }
+        }
+        if is_indexed && whole.len() == chunk.records.len() {
+            let chunk_number = chunk.number.unwrap_or_default();
+            chunk.damages.push(Damage::Padding {
+                chunk: chunk_number,
+            });
+        }
+        chunk.records = whole;
+        Ok(())
+    }
+
+    /// The payload of a record, or `None` when it is damaged.
+    pub fn payload(&self, place: &RecordPlace) -> Result<Option<Vec<u8>>, SequenceError> {
+        read_record(
+            self.source,
+            self.file_id,
+            place.offset,
+            self.byte_count,
+            None,
+        )
+        .map(|record| record.map(|(_, payload)| payload))
+    }
+
+    /// Header and commit mark at `offset`, when a chunk of this file begins there.
+    fn headers(&self, offset: u64) -> Result<Option<(ChunkHeader, CommitMark)>, SequenceError> {
+        let mut bytes = [0; RECORDS_OFFSET as usize];
+        if self.source.read_exact_at(offset, &mut bytes)?.is_none() {
+            return Ok(None);
+        }
+        let (header, rest) = bytes.split_at(size_of::<ChunkHeader>());
+        let (Ok(header), Ok(mark)) = (
+            ChunkHeader::read_from_bytes(header),
+            CommitMark::read_from_bytes(rest),
+        ) else {
+            return Ok(None);
+        };
+        let is_ours = self.file_id.is_chunk(&header) && header.number.get() >= self.least_number;
+        Ok(is_ours.then_some((header, mark)))
+    }
+
+    /// The records that the index at `offset` of the chunk names, when it is whole.
+    fn indexed(
+        &self,
+        start: u64,
+        offset: u64,
+        records_end: u64,
+    ) -> Result<Option<Vec<RecordPlace>>, SequenceError> {
+        let at = start + offset;
+        let index = read_record(
+            self.source,
+            self.file_id,
+            at,
+            records_end,
+            Some(RecordKind::Index),
+        )?;
+        let Some((_, payload)) = index else {
+            return Ok(None);
+        };
+        let Ok(entries) = <[IndexBytes]>::ref_from_bytes(&payload) else {
+            return Ok(None);
+        };
+        let mut records = Vec::with_capacity(entries.len() + 1);
+        for entry in entries {
+            let entry_offset = u64::from(entry.offset.get());
+            let entry_end = entry_offset + record_bytes(u64::from(entry.payload_bytes.get()));
+            if entry_offset < RECORDS_OFFSET || entry_end > offset || entry_offset % 8 != 0 {
+                return Ok(None);
+            }
+            records.push(RecordPlace {
+                offset: start + entry_offset,
+                payload_bytes: entry.payload_bytes.get(),
+                sequence: entry.sequence.get(),
+                label: RecordLabel {
+                    kind: entry.kind.get(),
+                    stream: entry.stream.get(),
+                    flags: entry.flags.get(),
+                    number: entry.number.get(),
+                    device_nanos: entry.device_nanos.get(),
+                },
+            });
+        }
+        // `end` stands behind the index, being the last.
+        let behind = at + record_bytes(payload.len() as u64);
+        let last = read_record(
+            self.source,
+            self.file_id,
+            behind,
+            records_end,
+            Some(RecordKind::End),
+        )?;
+        if let Some((header, payload)) = last {
+            records.push(place_of(behind, &header, &payload));
+        }
+        Ok(Some(records))
+    }
+
+    /// The valid records in `start..end`, tried at every multiple of 8, and whether all bytes between were
+    /// looked at.
+    fn walk(&self, start: u64, end: u64) -> Result<(Vec<RecordPlace>, bool), SequenceError> {
+        let mut records = Vec::new();
+        let mut offset = start.next_multiple_of(8);
+        // Bytes that look like many long records would take time that grows with their square.
+        let mut budget = (end - start)
+            .saturating_mul(WALK_EFFORT)
+            .saturating_add(1 << 20);
+        let mut window = Window::new(self.source);
+        while let Some(at) = window.find(&RECORD_MAGIC, offset, end, 8)? {
+            let record = read_record(self.source, self.file_id, at, end, None)?;
+            offset = match record {
+                Some((header, payload)) => {
+                    let place = place_of(at, &header, &payload);
+                    if place.label.kind != RecordKind::Index as u16 {
+                        records.push(place);
+                    }
+                    at + record_bytes(payload.len() as u64)
+                }
+                None => {
+                    let Some(left) = budget.checked_sub(claimed_bytes(self.source, at, end)?)
+                    else {
+                        return Ok((records, false));
+                    };
+                    budget = left;
+                    at + 8
+                }
+            };
+        }
+        Ok((records, true))
+    }
+
+    /// The first page from `offset` on where a chunk of this file begins.
+    fn find_header(&self, offset: u64) -> Result<Option<u64>, SequenceError> {
+        let mut window = Window::new(self.source);
+        let mut offset = offset.next_multiple_of(PAGE);
+        while let Some(at) = window.find(&CHUNK_MAGIC, offset, self.byte_count, PAGE)? {
+            if self.headers(at)?.is_some() {
+                return Ok(Some(at));
+            }
+            offset = at + PAGE;
+        }
+        Ok(None)
+    }
+
+    /// Whether anything but zeros stands from `offset` on.
+    fn has_content(&self, offset: u64) -> Result<bool, SequenceError> {
+        let mut window = Window::new(self.source);
+        window.has_content(offset, self.byte_count)
+    }
+}
+
+/// Times that bytes may be summed again while records are looked for among damaged ones.
+const WALK_EFFORT: u64 = 16;
+
+/// What the first bytes of `source` are.
+pub fn beginning<S: ByteSource + ?Sized>(source: &S) -> Result<Beginning, SequenceError> {
+    let mut bytes = [0; size_of::<FileHeader>()];
+    if source.read_exact_at(0, &mut bytes)?.is_none() {
+        return Ok(Beginning::Foreign);
+    }
+    Ok(FileHeader::read_from_bytes(&bytes).map_or(Beginning::Foreign, |header| header.judge()))
+}
+
+/// The id that most of the first chunks carry: for files whose header is damaged.
+pub fn id_from_chunks<S: ByteSource + ?Sized>(source: &S) -> Result<Option<FileId>, SequenceError> {
+    let byte_count = source.byte_count()?;
+    let mut window = Window::new(source);
+    let mut offset = PAGE;
+    while let Some(at) = window.find(&CHUNK_MAGIC, offset, byte_count, PAGE)? {
+        let mut bytes = [0; size_of::<ChunkHeader>()];
+        if source.read_exact_at(at, &mut bytes)?.is_some()
+            && let Ok(header) = ChunkHeader::read_from_bytes(&bytes)
+            && is_some_chunk(&header)
+        {
+            return Ok(Some(FileId(header.file_id)));
+        }
+        offset = at + PAGE;
+    }
+    Ok(None)
+}
+
+/// Header and payload of the record at `offset`, when it is whole, ends before `end` and is of `kind`.
+pub(crate) fn read_record<S: ByteSource + ?Sized>(
+    source: &S,
+    file_id: FileId,
+    offset: u64,
+    end: u64,
+    kind: Option<RecordKind>,
+) -> Result<Option<(RecordHeader, Vec<u8>)>, SequenceError> {
+    let Some(room) = end
+        .checked_sub(offset)
+        .and_then(|room| room.checked_sub(RECORD_HEADER_BYTES))
+    else {
+        return Ok(None);
+    };
+    let mut bytes = [0; RECORD_HEADER_BYTES as usize];
+    if source.read_exact_at(offset, &mut bytes)?.is_none() {
+        return Ok(None);
+    }
+    let Ok(header) = RecordHeader::read_from_bytes(&bytes) else {
+        return Ok(None);
+    };
+    let payload_bytes = u64::from(header.payload_bytes.get());
+    if header.magic != RECORD_MAGIC
+        || payload_bytes > room.min(MOST_PAYLOAD_BYTES)
+        || kind.is_some_and(|kind| header.kind.get() != kind as u16)
+    {
+        return Ok(None);
+    }
+    // Not more than the file has: `room` ends at its end or before.
+    let mut payload = vec![0; payload_bytes as usize];
+    if source
+        .read_exact_at(offset + RECORD_HEADER_BYTES, &mut payload)?
+        .is_none()
+    {
+        return Ok(None);
+    }
+    Ok(file_id
+        .is_record(&header, &payload)
+        .then_some((header, payload)))
+}
+
+/// What a damaged record claims to be long, within `end`: the work that was spent on it.
+fn claimed_bytes<S: ByteSource + ?Sized>(
+    source: &S,
+    offset: u64,
+    end: u64,
+) -> Result<u64, SequenceError> {
+    let mut bytes = [0; RECORD_HEADER_BYTES as usize];
+    if source.read_exact_at(offset, &mut bytes)?.is_none() {
+        return Ok(0);
+    }
+    let claimed = RecordHeader::read_from_bytes(&bytes)
+        .map_or(0, |header| u64::from(header.payload_bytes.get()));
+    Ok(if claimed <= end - offset { claimed } else { 0 })
+}
+
+/// The place of a record that was read, with what an index would say of it.
+pub(crate) fn place_of(offset: u64, header: &RecordHeader, payload: &[u8]) -> RecordPlace {
+    let mut label = RecordLabel {
+        kind: header.kind.get(),
+        stream: header.stream.get(),
+        ..RecordLabel::default()
+    };
+    match RecordKind::from_number(label.kind) {
+        Some(RecordKind::Frame) => {
+            if let Ok((frame, _)) = FrameHeader::ref_from_prefix(payload) {
+                label.flags = frame.flags.get();
+                label.number = frame.number.get();
+                label.device_nanos = frame.device_nanos.get();
+            }
+        }
+        Some(RecordKind::Gap) => {
+            if let Ok((gap, _)) = GapHeader::ref_from_prefix(payload) {
+                label.number = gap.first_number.get();
+            }
+        }
+        _ => {}
+    }
+    RecordPlace {
+        offset,
+        payload_bytes: header.payload_bytes.get(),
+        sequence: header.sequence.get(),
+        label,
+    }
+}
+
+impl RecordPlace {
+    /// The samples of a frame repeat those before it.
+    pub fn is_repeat(&self) -> bool {
+        self.label.flags & FLAG_REPEAT != 0
+    }
+}
+
+/// CRC of a stretch, `None` when the source ends before.
+fn crc_of<S: ByteSource + ?Sized>(
+    source: &S,
+    mut offset: u64,
+    mut bytes: u64,
+) -> Result<Option<u32>, SequenceError> {
+    let mut buffer = vec![0; bytes.min(WINDOW_BYTES) as usize];
+    let mut crc = 0;
+    while bytes > 0 {
+        let count = bytes.min(WINDOW_BYTES);
+        let part = &mut buffer[..count as usize];
+        if source.read_exact_at(offset, part)?.is_none() {
+            return Ok(None);
+        }
+        crc = crc32c::crc32c_append(crc, part);
+        offset += count;
+        bytes -= count;
+    }
+    Ok(Some(crc))
+}
+
+/// Bytes looked at in one read.
+const WINDOW_BYTES: u64 = 1 << 18;
+
+/// Looks for magic numbers, a block at a time, and jumps over holes.
+struct Window<'source, S: ByteSource + ?Sized> {
+    source: &'source S,
+    /// Where the block begins.
+    start: u64,
+    bytes: Vec<u8>,
+}
+
+impl<'source, S: ByteSource + ?Sized> Window<'source, S> {
+    fn new(source: &'source S) -> Self {
+        Self {
+            source,
+            start: 0,
+            bytes: Vec::new(),
+        }
+    }
+
+    /// Reads a block at `offset`; false at the end.
+    fn load(&mut self, offset: u64, end: u64) -> Result<bool, SequenceError> {
+        let count = end.saturating_sub(offset).min(WINDOW_BYTES) as usize;
+        self.bytes.resize(count, 0);
+        let mut filled = 0;
+        while filled < count {
+            match self
+                .source
+                .read_at(offset + filled as u64, &mut self.bytes[filled..])
+            {
+                Ok(0) => break,
+                Ok(more) => filled += more,
+                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        self.bytes.truncate(filled);
+        self.start = offset;
+        Ok(filled > 0)
+    }
+
+    /// What is loaded from `offset` on.
+    fn loaded(&self, offset: u64) -> &[u8] {
+        let skipped = offset
+            .checked_sub(self.start)
+            .and_then(|skip| usize::try_from(skip).ok());
+        skipped
+            .and_then(|skip| self.bytes.get(skip..))
+            .unwrap_or_default()
+    }
+
+    /// The first multiple of `step` in `offset..end` where `magic` stands.
+    fn find(
+        &mut self,
+        magic: &[u8],
+        mut offset: u64,
+        end: u64,
+        step: u64,
+    ) -> Result<Option<u64>, SequenceError> {
+        while offset < end {
+            if self.loaded(offset).is_empty() {
+                let Some(data) = self.source.next_data(offset) else {
+                    return Ok(None);
+                };
+                offset = offset.max(data / step * step);
+                if !self.load(offset, end)? {
+                    return Ok(None);
+                }
+            }
+            let found = self
+                .loaded(offset)
+                .chunks(step as usize)
+                .position(|block| block.starts_with(magic));
+            if let Some(position) = found {
+                let at = offset + position as u64 * step;
+                return Ok((at < end).then_some(at));
+            }
+            offset += (self.loaded(offset).len() as u64).next_multiple_of(step);
+        }
+        Ok(None)
+    }
+
+    fn has_content(&mut self, mut offset: u64, end: u64) -> Result<bool, SequenceError> {
+        while offset < end {
+            let Some(data) = self.source.next_data(offset) else {
+                return Ok(false);
+            };
+            offset = offset.max(data);
+            if !self.load(offset, end)? {
+                return Ok(false);
+            }
+            if self.bytes.iter().any(|byte| *byte != 0) {
+                return Ok(true);
+            }
+            offset += self.bytes.len() as u64;
+        }
+        Ok(false)
+    }
+}
