@@ -88,6 +88,21 @@ pub enum SequenceError {
         /// Name of the encoding.
         encoding: &'static str,
     },
+    /// A file that would be written over.
+    #[error("this file exists; remove it, or choose another name")]
+    Exists,
+    /// An excerpt that would be empty.
+    #[error("no depth frame has a number in {start}..{end}; they go from {first} to {last}")]
+    EmptyRange {
+        /// First number asked for.
+        start: u64,
+        /// The number after the last one asked for.
+        end: u64,
+        /// First number that there is.
+        first: u64,
+        /// Last number that there is.
+        last: u64,
+    },
     /// The disk refuses to keep anything.
     #[error("the disk reports errors and keeps nothing more; what was sealed before is whole")]
     NotDurable,

@@ -19,8 +19,9 @@
 //! Map, from the bytes up: [`layout`] structures · [`checksum`] what ties them to one file · [`record`] what
 //! records hold · [`description`] and [`cameras`] streams and calibration · [`codecs`] lossless depth and
 //! colour · [`file_layer`] calls to the disk · [`chunk_writer`] chunks in the right order · [`writer`] and
-//! [`encode`] a recording is written · [`source`] bytes by map or `pread` · [`scan`] from chunk to chunk around
-//! damage · [`contents`] everything but images · [`recording`] frames by index and time · [`split`] training,
+//! [`encode`] a recording is written · [`copy`] repair and excerpts · [`source`] bytes by map or `pread` · [`scan`] from chunk to chunk around
+//! damage · [`contents`] everything but images · [`recording`] frames by index and time · [`follow`] a file that
+//! grows · [`summary`] and [`verify`] what it holds and what it lacks · [`split`] training,
 //! unused, test · [`clock`] device and host time · [`pairing`] depth with colour · [`error`] what is refused;
 //! `map` and `time_index` are private.
 //!
@@ -34,10 +35,13 @@ pub mod chunk_writer;
 pub mod clock;
 pub mod codecs;
 pub mod contents;
+pub mod copy;
+pub mod decode;
 pub mod description;
 pub mod encode;
 pub mod error;
 pub mod file_layer;
+pub mod follow;
 pub mod layout;
 mod map;
 pub mod pairing;
@@ -46,7 +50,9 @@ pub mod recording;
 pub mod scan;
 pub mod source;
 pub mod split;
+pub mod summary;
 mod time_index;
+pub mod verify;
 pub mod writer;
 
 pub use cameras::{

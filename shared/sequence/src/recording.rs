@@ -9,8 +9,8 @@ use zerocopy::FromBytes as _;
 
 use crate::cameras::{ColorCamera, ColorEncoding, DepthCamera};
 use crate::checksum::FileId;
-use crate::codecs::{ColorDecoder, DepthDecoder, depth_table_id};
 use crate::contents::{Contents, StoredPoses};
+use crate::decode::StreamDecoders;
 use crate::description::Description;
 use crate::error::SequenceError;
 use crate::layout::{FrameHeader, RecordHeader};
@@ -35,7 +35,7 @@ pub struct Recording {
     times: TimeIndex,
     split: Split,
     pose_sets: Vec<PoseSet>,
-    decoders: Mutex<Vec<Decoders>>,
+    decoders: Mutex<Vec<StreamDecoders>>,
 }
 
 /// A named path of the depth camera, one pose a pair.
@@ -45,12 +45,6 @@ pub struct PoseSet {
     pub name: String,
     /// World from depth camera; `None` where the producer has no pose, or has lost the camera.
     pub world_from_depth: Vec<Option<Pose>>,
-}
-
-/// Working memory of a thread.
-struct Decoders {
-    depth: DepthDecoder,
-    color: Option<ColorDecoder>,
 }
 
 /// Frames further apart than this are no pair where no rate is known, nanoseconds.
@@ -193,17 +187,8 @@ impl Recording {
     /// Depth samples of one frame of the stream.
     pub fn depth_frame(&self, place: &RecordPlace) -> Result<Image<u16>, SequenceError> {
         let (_, payload) = self.frame(place)?;
-        let table = match depth_table_id(payload)? {
-            None => None,
-            Some(id) => {
-                let table = self.contents.tables.get(&(place.label.stream, id));
-                Some(table.ok_or(SequenceError::NoTable { id })?)
-            }
-        };
-        let camera = &self.depth_camera().intrinsics;
-        let mut image = Image::new(camera.width(), camera.height(), 0);
-        self.decode(|decoders| Ok(decoders.depth.decode(payload, table, image.pixels_mut())?))?;
-        Ok(image)
+        let (stream, tables) = (place.label.stream, &self.contents.tables);
+        self.decode(|decoders| decoders.depth(payload, stream, tables))
     }
 
     /// Colour codes of pair `index`, red, green, blue.
@@ -220,14 +205,10 @@ impl Recording {
                 Ok(codes)
             }
             ColorEncoding::Rgb8 => {
-                let mut codes = Rgb8Image::new(
-                    camera.intrinsics.width(),
-                    camera.intrinsics.height(),
-                    [0; 3],
-                );
-                let samples = codes.pixels_mut().as_flattened_mut();
-                self.decode_color(bytes, samples)?;
-                Ok(codes)
+                let (width, height) = (camera.intrinsics.width(), camera.intrinsics.height());
+                let samples = self.decode(|decoders| decoders.color(bytes))?;
+                let pixels = samples.as_chunks().0.to_vec();
+                Ok(Rgb8Image::from_vec(width, height, pixels)?)
             }
             ColorEncoding::BayerGrbg | ColorEncoding::Uyvy | ColorEncoding::Yuyv => {
                 Err(SequenceError::Undeveloped {
@@ -250,15 +231,8 @@ impl Recording {
 
     /// The colour of one frame of the stream, as the camera sent it.
     pub fn color_frame(&self, place: &RecordPlace) -> Result<Vec<u8>, SequenceError> {
-        let camera = self.color_camera();
         let (_, payload) = self.frame(place)?;
-        let Some(format) = camera.encoding.lossless() else {
-            return Ok(payload.to_vec());
-        };
-        let (width, height) = (camera.intrinsics.width(), camera.intrinsics.height());
-        let mut frame = vec![0; format.frame_bytes(width, height)?];
-        self.decode_color(payload, &mut frame)?;
-        Ok(frame)
+        self.decode(|decoders| decoders.color(payload))
     }
 
     /// Whether chroma of pair `index` is stored at a lower resolution than luma.
@@ -309,23 +283,16 @@ impl Recording {
         Ok((FrameTimes::of(times), image))
     }
 
-    fn decode_color(&self, payload: &[u8], frame: &mut [u8]) -> Result<(), SequenceError> {
-        self.decode(|decoders| match &mut decoders.color {
-            Some(decoder) => Ok(decoder.decode(payload, frame)?),
-            None => Ok(()),
-        })
-    }
-
     /// Runs `work` with decoders that nobody else uses.
     fn decode<T>(
         &self,
-        work: impl FnOnce(&mut Decoders) -> Result<T, SequenceError>,
+        work: impl FnOnce(&mut StreamDecoders) -> Result<T, SequenceError>,
     ) -> Result<T, SequenceError> {
         let idle = || self.decoders.lock().unwrap_or_else(PoisonError::into_inner);
         let taken = idle().pop();
         let mut decoders = match taken {
             Some(decoders) => decoders,
-            None => Decoders::new(&self.description)?,
+            None => StreamDecoders::new(&self.description)?,
         };
         let result = work(&mut decoders);
         idle().push(decoders);
@@ -363,27 +330,6 @@ impl Recording {
     }
 }
 
-impl Decoders {
-    fn new(description: &Description) -> Result<Self, SequenceError> {
-        let depth = &description.streams.depth.intrinsics;
-        let color = &description.streams.color;
-        let (width, height) = (color.intrinsics.width(), color.intrinsics.height());
-        Ok(Self {
-            depth: DepthDecoder::new(depth.width(), depth.height())?,
-            color: match color.encoding.lossless() {
-                Some(format) => Some(ColorDecoder::new(format, width, height)?),
-                None => None,
-            },
-        })
-    }
-}
-
-impl std::fmt::Debug for Decoders {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.write_str("Decoders")
-    }
-}
-
 fn require_size<T>(image: &Image<T>, width: u32, height: u32) -> Result<(), SequenceError> {
     if (image.width(), image.height()) == (width, height) {
         return Ok(());
@@ -405,12 +351,17 @@ pub(crate) fn pairs_of(contents: &Contents, description: &Description) -> Vec<Pa
             .map(|place| place.label.device_nanos)
             .collect()
     };
-    let rate_hz = description.streams.depth_timing.rate_hz;
-    let widest = rate_hz.map_or(WIDEST_PAIR_NANOS, |rate_hz| {
-        (0.5e9 / rate_hz).floor() as i64
-    });
     let depth = nanos(description.depth_id);
-    pair_by_time(&depth, &nanos(description.color_id), widest).pairs
+    let color = nanos(description.color_id);
+    pair_by_time(&depth, &color, widest_pair_nanos(description)).pairs
+}
+
+/// How far apart depth and colour of a pair may be: half a period, nanoseconds.
+pub fn widest_pair_nanos(description: &Description) -> i64 {
+    let rate_hz = description.streams.depth_timing.rate_hz;
+    rate_hz.map_or(WIDEST_PAIR_NANOS, |rate_hz| {
+        (0.5e9 / rate_hz).floor() as i64
+    })
 }
 
 /// The stored split, of numbers of depth frames, as one of pairs.

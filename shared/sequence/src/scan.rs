@@ -153,9 +153,15 @@ impl<'source, S: ByteSource + ?Sized> Scanner<'source, S> {
         self.file_id
     }
 
-    /// Where the next chunk should begin.
-    pub fn position(&self) -> u64 {
-        self.position
+    /// Where the next chunk should begin, and its least number: to go on from here later.
+    pub fn position(&self) -> (u64, u64) {
+        (self.position, self.least_number)
+    }
+
+    /// Goes on from a [`Scanner::position`] of an earlier scan of the same file.
+    pub fn go_on_from(&mut self, (position, least_number): (u64, u64)) {
+        self.position = position;
+        self.least_number = least_number;
     }
 
     /// The next chunk if it is committed; the scan stays where it is when it is not (yet). For files that
