@@ -160,6 +160,17 @@ impl ChunkWriter {
         self.append_leaving(label, parts, CLOSING_BYTES)
     }
 
+    /// Appends a record in the room that is kept for closing: for the last words of a recording whose disk is
+    /// full.
+    pub fn append_last(
+        &mut self,
+        label: RecordLabel,
+        parts: &[&[u8]],
+    ) -> Result<(), SequenceError> {
+        self.open_chunk()?;
+        self.append_leaving(label, parts, 0)
+    }
+
     /// Makes the open chunk durable. A chunk that the disk refuses is given up and named record by record; it
     /// is an error only when the file cannot go on.
     pub fn seal(&mut self) -> Result<Sealing, SequenceError> {

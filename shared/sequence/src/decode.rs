@@ -42,6 +42,20 @@ impl StreamDecoders {
         stream: u16,
         tables: &BTreeMap<(u16, u16), CodeTable>,
     ) -> Result<Image<u16>, SequenceError> {
+        let [width, height] = self.depth_size;
+        let mut image = Image::new(width, height, 0);
+        self.depth_into(payload, stream, tables, image.pixels_mut())?;
+        Ok(image)
+    }
+
+    /// As [`StreamDecoders::depth`], into memory that is there.
+    pub fn depth_into(
+        &mut self,
+        payload: &[u8],
+        stream: u16,
+        tables: &BTreeMap<(u16, u16), CodeTable>,
+        samples: &mut [u16],
+    ) -> Result<(), SequenceError> {
         let table = match depth_table_id(payload)? {
             None => None,
             Some(id) => Some(
@@ -50,21 +64,26 @@ impl StreamDecoders {
                     .ok_or(SequenceError::NoTable { id })?,
             ),
         };
-        let [width, height] = self.depth_size;
-        let mut image = Image::new(width, height, 0);
-        self.depth.decode(payload, table, image.pixels_mut())?;
-        Ok(image)
+        Ok(self.depth.decode(payload, table, samples)?)
     }
 
     /// The raw frame of a colour payload, in the stream's format; of JPEG the bytes themselves.
     pub fn color(&mut self, payload: &[u8]) -> Result<Vec<u8>, SequenceError> {
+        let mut frame = Vec::new();
+        self.color_into(payload, &mut frame)?;
+        Ok(frame)
+    }
+
+    /// As [`StreamDecoders::color`], into memory that is there; `frame` gets the length it needs.
+    pub fn color_into(&mut self, payload: &[u8], frame: &mut Vec<u8>) -> Result<(), SequenceError> {
         let (Some(decoder), Some(format)) = (&mut self.color, self.color_format) else {
-            return Ok(payload.to_vec());
+            frame.clear();
+            frame.extend_from_slice(payload);
+            return Ok(());
         };
         let [width, height] = self.color_size;
-        let mut frame = vec![0; format.frame_bytes(width, height)?];
-        decoder.decode(payload, &mut frame)?;
-        Ok(frame)
+        frame.resize(format.frame_bytes(width, height)?, 0);
+        Ok(decoder.decode(payload, frame)?)
     }
 
     /// Refuses a colour payload that is no frame of the stream.

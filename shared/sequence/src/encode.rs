@@ -79,6 +79,11 @@ impl ColorStreamEncoder {
         })
     }
 
+    /// Most bytes that an encoded payload can have; 0 where the payload is the image as it came.
+    pub fn max_payload_bytes(&self) -> usize {
+        self.payload.len()
+    }
+
     /// The payload of a frame: a raw frame in the stream's format ([`crate::codecs::ColorFormat`]), or the
     /// bytes of a JPEG, which are the payload.
     pub fn encode<'a>(&'a mut self, frame: &'a [u8]) -> Result<&'a [u8], SequenceError> {

@@ -88,6 +88,9 @@ pub enum SequenceError {
         /// Name of the encoding.
         encoding: &'static str,
     },
+    /// A recording without a frame.
+    #[error("there is no frame in this recording")]
+    NoFrames,
     /// A file that would be written over.
     #[error("this file exists; remove it, or choose another name")]
     Exists,
@@ -239,6 +242,15 @@ impl SequenceError {
         match self {
             Self::InFile { source, .. } => source.is_disk_full(),
             Self::Io(error) => crate::chunk_writer::is_full(error),
+            _ => false,
+        }
+    }
+
+    /// Whether the operating system refused a call for a file.
+    pub fn is_disk_error(&self) -> bool {
+        match self {
+            Self::InFile { source, .. } => source.is_disk_error(),
+            Self::Io(_) | Self::NotDurable => true,
             _ => false,
         }
     }

@@ -92,7 +92,8 @@ pub struct FrameTimes {
 }
 
 impl FrameTimes {
-    pub(crate) fn header(&self) -> FrameHeader {
+    /// The bytes of the times.
+    pub fn header(&self) -> FrameHeader {
         let [first, last] = self.host_nanos.unwrap_or_default();
         FrameHeader {
             number: self.number.into(),
@@ -112,7 +113,8 @@ impl FrameTimes {
             | flag(self.host_nanos.is_some(), FLAG_HOST)
     }
 
-    pub(crate) fn of(header: &FrameHeader) -> Self {
+    /// The times that the bytes say.
+    pub fn of(header: &FrameHeader) -> Self {
         let flags = header.flags.get();
         Self {
             number: header.number.get(),
@@ -240,7 +242,8 @@ pub struct Gap {
 }
 
 impl Gap {
-    pub(crate) fn header(&self) -> GapHeader {
+    /// The bytes before the words.
+    pub fn header(&self) -> GapHeader {
         GapHeader {
             first_number: self.first_number.into(),
             count: self.count.into(),
@@ -251,19 +254,25 @@ impl Gap {
         }
     }
 
-    pub(crate) fn read(stream: u16, payload: &[u8]) -> Option<Self> {
-        let (header, note) = GapHeader::ref_from_prefix(payload).ok()?;
+    /// The gap that the bytes and words say.
+    pub fn of(stream: u16, header: &GapHeader, note: String) -> Self {
         let (from, to) = (header.from_nanos.get(), header.to_nanos.get());
-        header.first_number.get().checked_add(header.count.get())?;
-        Some(Self {
+        Self {
             stream,
             first_number: header.first_number.get(),
             count: header.count.get(),
             from_nanos: (from != i64::MIN).then_some(from),
             to_nanos: (to != i64::MAX).then_some(to),
             cause: GapCause::from_number(header.cause.get()),
-            note: String::from_utf8_lossy(note).into_owned(),
-        })
+            note,
+        }
+    }
+
+    pub(crate) fn read(stream: u16, payload: &[u8]) -> Option<Self> {
+        let (header, note) = GapHeader::ref_from_prefix(payload).ok()?;
+        header.first_number.get().checked_add(header.count.get())?;
+        let note = String::from_utf8_lossy(note).into_owned();
+        Some(Self::of(stream, header, note))
     }
 }
 

@@ -157,7 +157,7 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Says that frames are missing.
+    /// Says that frames are missing. This has room even when the disk is full.
     pub fn write_gap(&mut self, gap: &Gap) -> Result<(), SequenceError> {
         let label = RecordLabel {
             kind: RecordKind::Gap as u16,
@@ -165,7 +165,9 @@ impl RecordingWriter {
             number: gap.first_number,
             ..RecordLabel::default()
         };
-        self.append(label, &[gap.header().as_bytes(), gap.note.as_bytes()])?;
+        self.chunks
+            .append_last(label, &[gap.header().as_bytes(), gap.note.as_bytes()])
+            .map_err(|error| error.in_file(&self.path))?;
         self.totals_of(gap.stream).missing += gap.count;
         Ok(())
     }
@@ -238,17 +240,21 @@ impl RecordingWriter {
         self.append(label, &[&poses_payload(set, poses)])
     }
 
-    /// Appends a record of any kind with the payload it has: for copies.
-    pub fn write_copy(&mut self, label: RecordLabel, payload: &[u8]) -> Result<(), SequenceError> {
-        self.append(label, &[payload])
-    }
-
-    /// Seals the open chunk when it is old or big enough. `now_nanos` is of any clock that runs with the
+    /// Whether the open chunk is old or big enough to be sealed. `now_nanos` is of any clock that runs with the
     /// recording, always the same one.
-    pub fn seal_if_due(&mut self, now_nanos: i64) -> Result<(), SequenceError> {
+    pub fn is_due(&mut self, now_nanos: i64) -> bool {
+        if self.chunks.unsealed_bytes() == 0 {
+            self.chunk_nanos = None;
+            return false;
+        }
         let since = *self.chunk_nanos.get_or_insert(now_nanos);
         let is_old = now_nanos.saturating_sub(since) >= CHUNK_NANOS;
-        if is_old || self.chunks.unsealed_bytes() >= CHUNK_BYTES {
+        is_old || self.chunks.unsealed_bytes() >= CHUNK_BYTES
+    }
+
+    /// Seals the open chunk when it is due.
+    pub fn seal_if_due(&mut self, now_nanos: i64) -> Result<(), SequenceError> {
+        if self.is_due(now_nanos) {
             self.seal()?;
         }
         Ok(())

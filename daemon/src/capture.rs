@@ -1,0 +1,477 @@
+//! One recording: the threads, what they share, how they end.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::Context as _;
+use crossbeam::sync::Parker;
+use ringbuf::HeapRb;
+use ringbuf::traits::Split as _;
+use rustix::time::{ClockId, clock_gettime};
+use sequence::chunk_writer::DiskLimits;
+use sequence::codecs::DepthCodec;
+use sequence::file_layer::{self, WritePath};
+use sequence::{COLOR_STREAM, Created, DEPTH_STREAM, Description, GapCause};
+
+use crate::disk::{Disk, DiskReport, LayerFactory, Rotation};
+use crate::drops::{self, DropLog};
+use crate::frame::{ColorFrame, DepthFrame, pool};
+use crate::message::{self, MessageKind, MessageSender};
+use crate::outcome::Outcome;
+use crate::pair::{PairReport, Sent, Unit, pair_frames};
+use crate::record::{RecordEnds, Recorder};
+use crate::replay::{Replay, SourceEnds};
+use crate::source_spec::SourceSpec;
+
+/// Longest time that a thread sleeps without looking whether there is work; it is woken when there is.
+pub const LONGEST_PARK: Duration = Duration::from_millis(20);
+
+/// Frames of each stream that can be on their way at a time: most of a second.
+const POOL_FRAMES: usize = 24;
+/// Encoded frames that the disk may be late by, seconds.
+const BUFFER_SECONDS: f64 = 3.0;
+/// Frames a second where the source promises no rate.
+const ASSUMED_RATE_HZ: f64 = 30.0;
+/// Free space that is always left alone.
+const LEAST_FLOOR_BYTES: u64 = 2 << 30;
+/// Seconds of recording that are left alone.
+const FLOOR_SECONDS: f64 = 60.0;
+
+/// What to record, and how.
+pub struct CaptureOptions {
+    /// Where frames come from.
+    pub source: SourceSpec,
+    /// The file to make.
+    pub output: PathBuf,
+    /// How much work goes into depth.
+    pub depth_codec: DepthCodec,
+    /// How bytes reach the disk.
+    pub write_path: WritePath,
+    /// Free space that is left alone, bytes; the larger of 2 GiB and a minute of recording when absent.
+    pub reserve_bytes: Option<u64>,
+    /// When to go on in another file.
+    pub rotation: Rotation,
+    /// Ends by itself after this time.
+    pub duration: Option<Duration>,
+    /// The clocks.
+    pub clock: HostClock,
+    /// Makes files in place of the usual way: for tests of late and broken disks.
+    pub make_layer: Option<LayerFactory>,
+}
+
+impl CaptureOptions {
+    /// The usual way from `source` to `output`.
+    pub fn new(source: SourceSpec, output: PathBuf) -> Self {
+        Self {
+            source,
+            output,
+            depth_codec: DepthCodec::Fast,
+            write_path: WritePath::Auto,
+            reserve_bytes: None,
+            rotation: Rotation::default(),
+            duration: None,
+            clock: HostClock::default(),
+            make_layer: None,
+        }
+    }
+}
+
+/// The host's clocks. All intervals are of the monotonic one; the wall clock is read once, for a label.
+#[derive(Clone, Copy, Debug)]
+pub struct HostClock {
+    /// Nanoseconds that never jump.
+    pub monotonic: fn() -> i64,
+    /// Nanoseconds since 1970.
+    pub wall: fn() -> i64,
+}
+
+impl Default for HostClock {
+    fn default() -> Self {
+        fn nanos(id: ClockId) -> i64 {
+            let time = clock_gettime(id);
+            time.tv_sec
+                .saturating_mul(1_000_000_000)
+                .saturating_add(time.tv_nsec)
+        }
+        Self {
+            monotonic: || nanos(ClockId::Monotonic),
+            wall: || nanos(ClockId::Realtime),
+        }
+    }
+}
+
+/// Why a recording ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EndReason {
+    /// The source has no more.
+    Complete = 1,
+    /// The user, or a signal.
+    Stopped = 2,
+    /// The time is up.
+    Duration = 3,
+    /// It goes on in another file.
+    Part = 4,
+    /// The disk is full, or down to the reserve.
+    DiskFull = 5,
+    /// The disk reports errors.
+    DiskError = 6,
+}
+
+impl EndReason {
+    const ALL: [Self; 6] = [
+        Self::Complete,
+        Self::Stopped,
+        Self::Duration,
+        Self::Part,
+        Self::DiskFull,
+        Self::DiskError,
+    ];
+
+    /// The cause of gaps that this reason makes.
+    pub fn gap_cause(self) -> Option<GapCause> {
+        match self {
+            Self::DiskFull => Some(GapCause::DiskFull),
+            Self::DiskError => Some(GapCause::DiskError),
+            Self::Complete | Self::Stopped | Self::Duration | Self::Part => None,
+        }
+    }
+}
+
+impl fmt::Display for EndReason {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Complete => "complete",
+            Self::Stopped => "stopped",
+            Self::Duration => "duration",
+            Self::Part => "part",
+            Self::DiskFull => "disk-full",
+            Self::DiskError => "disk-error",
+        })
+    }
+}
+
+/// Set once, by whoever first has a reason to end.
+#[derive(Clone, Debug, Default)]
+pub struct StopFlag(Arc<AtomicUsize>);
+
+impl StopFlag {
+    /// Ends the recording; a reason that is there already stays.
+    pub fn stop(&self, reason: EndReason) {
+        let _ = self
+            .0
+            .compare_exchange(0, reason as usize, Ordering::Relaxed, Ordering::Relaxed);
+    }
+
+    /// Ends the recording when SIGINT or SIGTERM comes.
+    pub fn stop_on_signals(&self) -> std::io::Result<()> {
+        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+            let flag = Arc::clone(&self.0);
+            signal_hook::flag::register_usize(signal, flag, EndReason::Stopped as usize)?;
+        }
+        Ok(())
+    }
+
+    /// Whether the recording ends.
+    pub fn is_set(&self) -> bool {
+        self.0.load(Ordering::Relaxed) != 0
+    }
+
+    /// Why, when it is set.
+    pub fn reason(&self) -> Option<EndReason> {
+        let number = self.0.load(Ordering::Relaxed);
+        EndReason::ALL
+            .into_iter()
+            .find(|reason| *reason as usize == number)
+    }
+}
+
+/// Counters that are shown while recording. None of them decides anything.
+#[derive(Debug, Default)]
+pub struct Status {
+    frames_in: AtomicU64,
+    frames_recorded: AtomicU64,
+    frames_missing: AtomicU64,
+    payload_bytes: AtomicU64,
+    file_bytes: AtomicU64,
+    ring_fill_percent: AtomicU64,
+}
+
+/// The counters at a moment.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct StatusNow {
+    /// Frames that the source had.
+    pub frames_in: u64,
+    /// Frames in the file.
+    pub frames_recorded: u64,
+    /// Frames in gaps.
+    pub frames_missing: u64,
+    /// Bytes of frames in the file.
+    pub payload_bytes: u64,
+    /// Bytes of all files.
+    pub file_bytes: u64,
+    /// Use of the buffer in front of the disk, percent.
+    pub ring_fill_percent: u64,
+}
+
+impl Status {
+    pub(crate) fn add_in(&self, count: u64) {
+        self.frames_in.fetch_add(count, Ordering::Relaxed);
+    }
+
+    pub(crate) fn add_recorded(&self, bytes: u64) {
+        self.frames_recorded.fetch_add(1, Ordering::Relaxed);
+        self.payload_bytes.fetch_add(bytes, Ordering::Relaxed);
+    }
+
+    pub(crate) fn add_missing(&self, count: u64) {
+        self.frames_missing.fetch_add(count, Ordering::Relaxed);
+    }
+
+    pub(crate) fn set_bytes(&self, bytes: u64) {
+        self.file_bytes.store(bytes, Ordering::Relaxed);
+    }
+
+    pub(crate) fn set_ring_fill(&self, fraction: f64) {
+        let percent = (100.0 * fraction).round() as u64;
+        self.ring_fill_percent.store(percent, Ordering::Relaxed);
+    }
+
+    /// The counters now.
+    pub fn now(&self) -> StatusNow {
+        let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        StatusNow {
+            frames_in: read(&self.frames_in),
+            frames_recorded: read(&self.frames_recorded),
+            frames_missing: read(&self.frames_missing),
+            payload_bytes: read(&self.payload_bytes),
+            file_bytes: read(&self.file_bytes),
+            ring_fill_percent: read(&self.ring_fill_percent),
+        }
+    }
+}
+
+/// Records until the source ends or `stop` is set.
+///
+/// # Errors
+/// When the source cannot be opened, the file cannot be made, or too little space is free. What goes wrong later
+/// ends the recording and stands in the outcome.
+pub fn capture(options: CaptureOptions, stop: &StopFlag) -> anyhow::Result<Outcome> {
+    capture_with(options, stop, &mut |_| {})
+}
+
+/// As [`capture`]; `show` is called about twice a second.
+pub fn capture_with(
+    options: CaptureOptions,
+    stop: &StopFlag,
+    show: &mut dyn FnMut(&StatusNow),
+) -> anyhow::Result<Outcome> {
+    let SourceSpec::Replay(spec) = &options.source;
+    let replay = Replay::open(spec)?;
+    let description = description_of(&replay, options.clock);
+    let most_color_bytes = replay.most_color_bytes()?;
+    let camera = &description.streams.depth.intrinsics;
+    let pixel_count = camera.width() as usize * camera.height() as usize;
+    let raw_pair_bytes = 2 * pixel_count + most_color_bytes;
+    let rate_hz = description
+        .streams
+        .depth_timing
+        .rate_hz
+        .unwrap_or(ASSUMED_RATE_HZ);
+    let buffer_bytes = (BUFFER_SECONDS * rate_hz).ceil() as usize * (raw_pair_bytes + 1024);
+    let floor_bytes = options.reserve_bytes.unwrap_or_else(|| {
+        let minute = FLOOR_SECONDS * rate_hz * raw_pair_bytes as f64;
+        LEAST_FLOOR_BYTES.max(minute as u64)
+    });
+    require_space(&options.output, floor_bytes)?;
+    tracing::info!(
+        "buffers: {:.0} MB for frames, {:.0} MB in front of the disk ({BUFFER_SECONDS} s uncompressed)",
+        (POOL_FRAMES * raw_pair_bytes) as f64 / 1e6,
+        buffer_bytes as f64 / 1e6
+    );
+
+    let status = Status::default();
+    let (sender, receiver) = message::ring(buffer_bytes.max(1 << 20));
+    let write_path = options.write_path;
+    let make_layer = options
+        .make_layer
+        .unwrap_or_else(|| Box::new(move |path: &Path| file_layer::create(path, write_path)));
+    let limits = DiskLimits {
+        floor_bytes,
+        ..DiskLimits::default()
+    };
+    let disk = Disk::new(
+        receiver,
+        make_layer,
+        &options.output,
+        &description,
+        limits,
+        options.rotation,
+        options.clock,
+        &status,
+        stop,
+    )?;
+
+    let begun = Instant::now();
+    let (pairing, disk) =
+        std::thread::scope(|scope| -> anyhow::Result<(PairReport, DiskReport)> {
+            let (depth_frames, depth_returns) = pool((0..POOL_FRAMES).map(|_| DepthFrame {
+                samples: vec![0; pixel_count],
+                ..DepthFrame::default()
+            }));
+            let (color_frames, color_returns) = pool((0..POOL_FRAMES).map(|_| ColorFrame {
+                bytes: Vec::with_capacity(most_color_bytes),
+                ..ColorFrame::default()
+            }));
+            let (to_pair, from_source) = HeapRb::<Sent>::new(2 * POOL_FRAMES).split();
+            let (to_record, from_pair) = HeapRb::<Unit>::new(2 * POOL_FRAMES).split();
+            let (drop_sender, drop_receiver) = drops::channel();
+            let parkers: [Parker; 4] = std::array::from_fn(|_| Parker::new());
+            let [source_parker, pair_parker, record_parker, disk_parker] = parkers;
+            let record_bell = record_parker.unparker().clone();
+            let disk_bell = disk_parker.unparker().clone();
+            let source_ends = SourceEnds {
+                depth_frames,
+                color_frames,
+                to: to_pair,
+                drops: DropLog::new(drop_sender),
+                pair: pair_parker.unparker().clone(),
+                parker: source_parker,
+            };
+            let recorder = Recorder::new(
+                RecordEnds {
+                    from: from_pair,
+                    to: sender,
+                    drops: drop_receiver,
+                    depth_returns,
+                    color_returns,
+                    disk: disk_bell.clone(),
+                    source: source_ends.parker.unparker().clone(),
+                    parker: record_parker,
+                },
+                &description.streams,
+                options.depth_codec,
+                most_color_bytes,
+                replay.waits(),
+                &status,
+            )?;
+            let widest_nanos = replay.widest_pair_nanos();
+            let spawn = |name: &str| std::thread::Builder::new().name(name.to_owned());
+            let source = spawn("source").spawn_scoped(scope, || {
+                replay.run(source_ends, options.clock, &status, stop)
+            })?;
+            let pair = spawn("pair").spawn_scoped(scope, move || {
+                pair_frames(
+                    from_source,
+                    to_record,
+                    widest_nanos,
+                    &pair_parker,
+                    &record_bell,
+                )
+            })?;
+            let record = spawn("record").spawn_scoped(scope, move || recorder.run())?;
+            let disk = spawn("disk").spawn_scoped(scope, move || {
+                disk.run(&disk_parker, || {
+                    stop.reason().unwrap_or(EndReason::Complete)
+                })
+            })?;
+
+            watch(&options.duration, begun, &status, stop, show, || {
+                record.is_finished()
+            });
+            joined(source.join())??;
+            let pairing = joined(pair.join())?;
+            let mut sender = joined(record.join())??;
+            say_last_words(&mut sender, &pairing)?;
+            disk_bell.unpark();
+            Ok((pairing, joined(disk.join())??))
+        })?;
+    let reason = disk
+        .failure
+        .or(stop.reason())
+        .unwrap_or(EndReason::Complete);
+    Ok(Outcome::new(
+        &status.now(),
+        pairing,
+        disk,
+        reason,
+        raw_pair_bytes,
+        begun.elapsed(),
+    ))
+}
+
+/// Waits for the record thread, showing what happens.
+fn watch(
+    duration: &Option<Duration>,
+    begun: Instant,
+    status: &Status,
+    stop: &StopFlag,
+    show: &mut dyn FnMut(&StatusNow),
+    is_finished: impl Fn() -> bool,
+) {
+    let mut shown = begun;
+    while !is_finished() {
+        std::thread::sleep(Duration::from_millis(10));
+        if duration.is_some_and(|duration| begun.elapsed() >= duration) {
+            stop.stop(EndReason::Duration);
+        }
+        if shown.elapsed() >= Duration::from_millis(500) {
+            shown = Instant::now();
+            show(&status.now());
+        }
+    }
+}
+
+/// What is only known at the end, and that it is the end.
+fn say_last_words(sender: &mut MessageSender, pairing: &PairReport) -> anyhow::Result<()> {
+    let skews = serde_json::to_vec(&pairing.skews.histogram("pair-skew"))?;
+    let messages: [(MessageKind, &[u8]); 2] =
+        [(MessageKind::Histogram, &skews), (MessageKind::End, &[])];
+    for (kind, payload) in messages {
+        while !sender.send(kind, 0, 0, [payload, &[]]) {
+            anyhow::ensure!(sender.is_connected(), "the disk thread is gone");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+    Ok(())
+}
+
+fn description_of(replay: &Replay, clock: HostClock) -> Description {
+    Description {
+        writer: concat!("glintd ", env!("CARGO_PKG_VERSION")).to_owned(),
+        created: Created {
+            unix_nanos: (clock.wall)(),
+            host_nanos: (clock.monotonic)(),
+        },
+        part: None,
+        depth_id: DEPTH_STREAM,
+        color_id: COLOR_STREAM,
+        ..replay.recording().description().clone()
+    }
+}
+
+/// Refuses to begin where the reserve is not free.
+fn require_space(output: &Path, floor_bytes: u64) -> anyhow::Result<()> {
+    let folder = match output.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let stat = rustix::fs::statvfs(folder)
+        .with_context(|| format!("{}: the folder cannot be used", folder.display()))?;
+    let free = stat.f_bavail.saturating_mul(stat.f_frsize);
+    anyhow::ensure!(
+        free > floor_bytes,
+        "{}: {:.2} GB are free and {:.2} GB are kept in reserve; make room, or give --reserve-mb",
+        folder.display(),
+        free as f64 / 1e9,
+        floor_bytes as f64 / 1e9
+    );
+    Ok(())
+}
+
+/// The result of a thread; a panic in it is a bug and goes on.
+fn joined<T>(result: std::thread::Result<T>) -> anyhow::Result<T> {
+    result.map_err(|panic| std::panic::resume_unwind(panic))
+}

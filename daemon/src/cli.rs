@@ -1,0 +1,488 @@
+//! The command line: one definition of every flag, and exit codes.
+//!
+//! 0 success · 2 the user's input cannot be used, with one sentence · 3 frames are missing or damaged, with a
+//! list · 101 a bug.
+
+use std::io::IsTerminal as _;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::{Context as _, bail};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use sequence::codecs::DepthCodec;
+use sequence::copy::{Copied, cut, recover};
+use sequence::file_layer::WritePath;
+use sequence::verify::verify;
+use serde_json::json;
+
+use crate::capture::{CaptureOptions, StatusNow, StopFlag, capture_with};
+use crate::disk::Rotation;
+use crate::inspect::{follow, info};
+use crate::replay::camera_name;
+use crate::source_spec::SourceSpec;
+
+/// Records RGB-D cameras into files that can be trusted.
+#[derive(Debug, Parser)]
+#[command(
+    name = "glintd",
+    version,
+    about,
+    after_help = "Example:\n  glintd record replay:recordings/two-cans.glint -o copy.glint --no-fuse"
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    /// Print one JSON event a line on standard output; the last is the summary.
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Record a source into a new file, until it ends or a signal comes.
+    Record(RecordArgs),
+    /// Say what a recording holds; works while it is written.
+    Info(InfoArgs),
+    /// Check every byte, and that no frame is missing.
+    Verify(VerifyArgs),
+    /// Make a whole recording from what is left of a damaged or unfinished one.
+    Recover(RecoverArgs),
+    /// Copy a range of frames into a new recording.
+    Cut(CutArgs),
+}
+
+/// How much work goes into depth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum DepthChoice {
+    /// A tenth of the raw size, about 1.5 ms a VGA frame.
+    Fast,
+    /// Half of that, about 4 ms.
+    Dense,
+}
+
+/// How bytes reach the disk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum WriteChoice {
+    /// Mapped where reserved space is a promise, else pwrite.
+    Auto,
+    /// Into a map of the file.
+    Mapped,
+    /// By pwrite calls.
+    Pwrite,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  glintd record 'replay:recordings/two-cans.glint?speed=max' -o copy.glint --no-fuse"
+)]
+struct RecordArgs {
+    /// replay:FILE, with ?speed=max (wait for the recorder, drop nothing), ?speed=0.5 (of the camera's), &loop.
+    source: SourceSpec,
+    /// File to make, or a folder: the file is then named by source and time.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Record without tracking and fusing. Required: this version only records.
+    #[arg(long)]
+    no_fuse: bool,
+    /// End after this many seconds.
+    #[arg(long, value_name = "S", value_parser = parse_seconds)]
+    duration: Option<f64>,
+    /// How much work goes into depth.
+    #[arg(long, value_enum, default_value = "fast")]
+    depth_codec: DepthChoice,
+    /// How bytes reach the disk.
+    #[arg(long, value_enum, default_value = "auto")]
+    write_path: WriteChoice,
+    /// Free space that is left alone, MB (10^6 bytes). Default: 2147, or a minute of recording if that is more.
+    #[arg(long, value_name = "MB")]
+    reserve_mb: Option<u64>,
+    /// Go on in another file (NAME-002.glint …) at this size, MB (10^6 bytes).
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..))]
+    split_mb: Option<u64>,
+    /// Go on in another file after this many seconds.
+    #[arg(long, value_name = "S", value_parser = parse_seconds)]
+    split_seconds: Option<f64>,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  glintd info recordings/two-cans.glint")]
+struct InfoArgs {
+    /// The recording.
+    recording: PathBuf,
+    /// Go on until the file is closed, saying what is added.
+    #[arg(long)]
+    follow: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  glintd verify recordings/two-cans.glint --decode")]
+struct VerifyArgs {
+    /// The recording.
+    recording: PathBuf,
+    /// Also decode every frame.
+    #[arg(long)]
+    decode: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  glintd recover broken.glint -o whole.glint")]
+struct RecoverArgs {
+    /// The damaged recording.
+    recording: PathBuf,
+    /// Recording to make; must not exist.
+    #[arg(short, long)]
+    output: PathBuf,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  glintd cut recordings/two-cans.glint --range 10..20 -o part.glint"
+)]
+struct CutArgs {
+    /// The recording.
+    recording: PathBuf,
+    /// Numbers of depth frames A..B (B excluded); colour of the same time goes with them.
+    #[arg(long, value_parser = parse_range)]
+    range: Range<u64>,
+    /// Recording to make; must not exist.
+    #[arg(short, long)]
+    output: PathBuf,
+}
+
+/// Frames are missing or damaged.
+const EXIT_LOST: u8 = 3;
+
+/// Runs the program.
+pub fn run() -> ExitCode {
+    let cli = Cli::parse();
+    tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .without_time()
+        .with_target(false)
+        .init();
+    match dispatch(&cli) {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("glintd: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
+    match &cli.command {
+        Command::Record(args) => run_record(args, cli.json),
+        Command::Info(args) => run_info(args, cli.json),
+        Command::Verify(args) => run_verify(args, cli.json),
+        Command::Recover(args) => {
+            let copied = recover(&args.recording, &args.output)?;
+            say_copied(&copied, &args.output, cli.json);
+            Ok(exit_code(copied.missing.is_empty()))
+        }
+        Command::Cut(args) => {
+            let copied = cut(&args.recording, &args.output, args.range.clone())?;
+            say_copied(&copied, &args.output, cli.json);
+            Ok(exit_code(copied.missing.is_empty()))
+        }
+    }
+}
+
+fn exit_code(is_whole: bool) -> ExitCode {
+    if is_whole {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(EXIT_LOST)
+    }
+}
+
+fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCode> {
+    if !args.no_fuse {
+        bail!("this version records without tracking and fusing; add --no-fuse");
+    }
+    let stop = stop_on_signals()?;
+    let SourceSpec::Replay(spec) = &args.source;
+    let output = output_path(&args.output, &camera_name(&spec.path))?;
+    if output.exists() {
+        bail!(
+            "{}: this file exists; remove it, or choose another name",
+            output.display()
+        );
+    }
+    let options = CaptureOptions {
+        depth_codec: match args.depth_codec {
+            DepthChoice::Fast => DepthCodec::Fast,
+            DepthChoice::Dense => DepthCodec::Dense,
+        },
+        write_path: match args.write_path {
+            WriteChoice::Auto => WritePath::Auto,
+            WriteChoice::Mapped => WritePath::Mapped,
+            WriteChoice::Pwrite => WritePath::Pwrite,
+        },
+        reserve_bytes: args.reserve_mb.map(|mb| mb.saturating_mul(1_000_000)),
+        rotation: Rotation {
+            bytes: args.split_mb.map(|mb| mb.saturating_mul(1_000_000)),
+            age: args.split_seconds.map(Duration::from_secs_f64),
+        },
+        duration: args.duration.map(Duration::from_secs_f64),
+        ..CaptureOptions::new(args.source.clone(), output)
+    };
+    let bar = progress_bar();
+    let mut shown = 0;
+    let outcome = capture_with(options, &stop, &mut |status| {
+        shown += 1;
+        show_status(status, &bar, json, shown);
+    })?;
+    bar.finish_and_clear();
+    if json {
+        let mut event = serde_json::to_value(&outcome)?;
+        event["event"] = json!("summary");
+        println!("{event}");
+    } else {
+        print!("{outcome}");
+    }
+    Ok(exit_code(outcome.is_whole()))
+}
+
+/// Plain lines are ten times rarer than the calls: one in five seconds.
+const PLAIN_EVERY: u64 = 10;
+
+fn show_status(status: &StatusNow, bar: &ProgressBar, json: bool, shown: u64) {
+    let line = format!(
+        "{} frames recorded, {} missing, {:.1} MB, buffer {} % full",
+        status.frames_recorded,
+        status.frames_missing,
+        status.payload_bytes as f64 / 1e6,
+        status.ring_fill_percent
+    );
+    if json && let Ok(mut event) = serde_json::to_value(status) {
+        event["event"] = json!("status");
+        println!("{event}");
+    }
+    if std::io::stderr().is_terminal() {
+        bar.set_message(line);
+        bar.tick();
+    } else if shown.is_multiple_of(PLAIN_EVERY) {
+        eprintln!("{line}");
+    }
+}
+
+fn progress_bar() -> ProgressBar {
+    let style = ProgressStyle::with_template("{spinner} {elapsed} {msg}");
+    let bar = ProgressBar::new_spinner();
+    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
+}
+
+/// SIGINT and SIGTERM end a recording; what was taken is kept.
+fn stop_on_signals() -> anyhow::Result<StopFlag> {
+    let stop = StopFlag::default();
+    stop.stop_on_signals()?;
+    Ok(stop)
+}
+
+/// The file itself, or a new name in a folder.
+fn output_path(output: &Path, camera: &str) -> anyhow::Result<PathBuf> {
+    if !output.is_dir() {
+        return Ok(output.to_path_buf());
+    }
+    let seconds = std::time::SystemTime::now()
+        .duration_since(std::time::UNIX_EPOCH)
+        .context("the clock of this machine is before 1970; set it, or name the file")?
+        .as_secs();
+    Ok(output.join(format!("{camera}-{}.glint", utc_name(seconds))))
+}
+
+/// `20261126T104530Z` of seconds since 1970.
+fn utc_name(seconds: u64) -> String {
+    // Days to year, month, day by the civil calendar (Hinnant, "chrono-compatible date algorithms").
+    let days = seconds / 86_400 + 719_468;
+    let era = days / 146_097;
+    let day_of_era = days % 146_097;
+    let year_of_era =
+        (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted_month = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
+    let month = if shifted_month < 10 {
+        shifted_month + 3
+    } else {
+        shifted_month - 9
+    };
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
+    format!("{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}Z")
+}
+
+fn run_info(args: &InfoArgs, json: bool) -> anyhow::Result<ExitCode> {
+    if !args.follow {
+        let summary = info(&args.recording)?;
+        if json {
+            println!("{}", with_event(&summary, "summary")?);
+        } else {
+            print!("{summary}");
+        }
+        return Ok(ExitCode::SUCCESS);
+    }
+    let stop = stop_on_signals()?;
+    let mut failed = None;
+    let last = follow(&args.recording, &stop, &mut |summary| {
+        if json {
+            match with_event(summary, "status") {
+                Ok(event) => println!("{event}"),
+                Err(error) => failed = Some(error),
+            }
+        } else {
+            let frames: Vec<String> = summary
+                .streams
+                .iter()
+                .map(|stream| format!("{} {}", stream.frames, stream.kind))
+                .collect();
+            println!(
+                "{} chunks, {:.1} MB, frames: {}",
+                summary.chunk_count,
+                summary.sealed_bytes as f64 / 1e6,
+                frames.join(", ")
+            );
+        }
+    })?;
+    if let Some(error) = failed {
+        return Err(error);
+    }
+    if let Some(summary) = last {
+        if json {
+            println!("{}", with_event(&summary, "summary")?);
+        } else {
+            print!("{summary}");
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn with_event(value: &impl serde::Serialize, event: &str) -> anyhow::Result<serde_json::Value> {
+    let mut json = serde_json::to_value(value)?;
+    json["event"] = json!(event);
+    Ok(json)
+}
+
+fn run_verify(args: &VerifyArgs, json: bool) -> anyhow::Result<ExitCode> {
+    let found = verify(&args.recording, args.decode)?;
+    if json {
+        let mut event = with_event(&found, "summary")?;
+        event["is_whole"] = json!(found.is_whole());
+        println!("{event}");
+        return Ok(exit_code(found.is_whole()));
+    }
+    print!("{}", found.summary);
+    for finding in &found.findings {
+        println!("found: {finding}");
+    }
+    for missing in &found.missing {
+        println!("missing: {missing}");
+    }
+    for book in &found.books {
+        let expected = book.expected.map_or_else(
+            || "no rate is promised".to_owned(),
+            |expected| format!("{expected:.2} by device time"),
+        );
+        println!(
+            "books of stream {}: {} recorded + {} in gaps, {expected}: {}",
+            book.stream,
+            book.frames,
+            book.in_gaps,
+            if book.balances {
+                "they balance"
+            } else {
+                "they do NOT balance"
+            }
+        );
+    }
+    for remark in &found.remarks {
+        println!("note: {remark}");
+    }
+    println!(
+        "{}",
+        if found.is_whole() {
+            "whole"
+        } else {
+            "NOT whole"
+        }
+    );
+    Ok(exit_code(found.is_whole()))
+}
+
+fn say_copied(copied: &Copied, output: &Path, json: bool) {
+    if json {
+        let mut event = json!(copied);
+        event["event"] = json!("summary");
+        event["output"] = json!(output);
+        println!("{event}");
+        return;
+    }
+    let frames: Vec<String> = copied
+        .frames
+        .iter()
+        .map(|(stream, count)| format!("{count} of stream {stream}"))
+        .collect();
+    println!(
+        "{}: {:.1} MB, frames: {}",
+        output.display(),
+        copied.bytes as f64 / 1e6,
+        frames.join(", ")
+    );
+    if copied.from_tail > 0 {
+        println!(
+            "{} frames came from behind the last sealed chunk",
+            copied.from_tail
+        );
+    }
+    for finding in &copied.findings {
+        println!("found: {finding}");
+    }
+    for missing in &copied.missing {
+        println!("missing: {missing}");
+    }
+}
+
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    let seconds: f64 = text
+        .parse()
+        .map_err(|_| format!("`{text}` is no number of seconds"))?;
+    // A hundred years is far inside what a Duration holds.
+    if seconds > 0.0 && seconds < 3.2e9 {
+        Ok(seconds)
+    } else {
+        Err(format!(
+            "`{text}` seconds cannot be: give a positive number"
+        ))
+    }
+}
+
+fn parse_range(text: &str) -> Result<Range<u64>, String> {
+    let parts = text.split_once("..");
+    let numbers = parts.and_then(|(start, end)| Some((start.parse().ok()?, end.parse().ok()?)));
+    match numbers {
+        Some((start, end)) if start < end => Ok(start..end),
+        _ => Err(format!("`{text}` is no range; write A..B with A below B")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory as _;
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn file_names_carry_the_utc_time() {
+        assert_eq!(utc_name(0), "19700101T000000Z");
+        assert_eq!(utc_name(951_782_400), "20000229T000000Z");
+        assert_eq!(utc_name(1_798_761_599), "20261231T235959Z");
+    }
+}

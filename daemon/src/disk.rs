@@ -1,0 +1,368 @@
+//! The disk thread: encoded records go into the file; chunks are sealed, files rotated, a full disk ends all.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use crossbeam::sync::Parker;
+use sequence::chunk_writer::DiskLimits;
+use sequence::codecs::CodeTable;
+use sequence::description::Part;
+use sequence::file_layer::FileLayer;
+use sequence::{
+    Description, FileId, FrameTimes, Gap, GapCause, Histogram, RecordingWriter, SequenceError,
+};
+
+use crate::capture::{EndReason, HostClock, LONGEST_PARK, Status, StopFlag};
+use crate::latency::Latencies;
+use crate::message::{MessageKind, MessageReceiver, frame_parts, gap_parts};
+
+/// Makes the file of a path.
+pub type LayerFactory = Box<dyn FnMut(&Path) -> Result<Box<dyn FileLayer>, SequenceError> + Send>;
+
+/// When a recording goes on in another file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rotation {
+    /// At this size, bytes.
+    pub bytes: Option<u64>,
+    /// At this age.
+    pub age: Option<Duration>,
+}
+
+/// What the disk thread did.
+#[derive(Debug, Default)]
+pub struct DiskReport {
+    /// The files, in order.
+    pub files: Vec<PathBuf>,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Frames that are in the files.
+    pub frames: u64,
+    /// Frames that repeat their predecessor.
+    pub repeats: u64,
+    /// Everything that is missing.
+    pub gaps: Vec<Gap>,
+    /// Device times of the first and the last frame, nanoseconds.
+    pub device_nanos: Option<[i64; 2]>,
+    /// Work for a frame of either stream: encode and store.
+    pub frame_work: Latencies,
+    /// Work for a depth frame and the colour frame after it.
+    pub pair_work: Latencies,
+    /// Time to make a chunk durable.
+    pub seals: Latencies,
+    /// What ended the recording, when it was the disk.
+    pub failure: Option<EndReason>,
+}
+
+impl DiskReport {
+    /// Device time from the first frame to the last, seconds.
+    pub fn span_s(&self) -> f64 {
+        self.device_nanos
+            .map_or(0.0, |[first, last]| last.saturating_sub(first) as f64 / 1e9)
+    }
+}
+
+/// Writes one recording, in one file or several.
+pub struct Disk<'capture> {
+    receiver: MessageReceiver,
+    make_layer: LayerFactory,
+    description: Description,
+    limits: DiskLimits,
+    rotation: Rotation,
+    clock: HostClock,
+    status: &'capture Status,
+    stop: &'capture StopFlag,
+    path: PathBuf,
+    writer: Option<RecordingWriter>,
+    begun: Instant,
+    first_file_id: FileId,
+    table: Option<(u16, CodeTable)>,
+    depth_work: Option<u64>,
+    report: DiskReport,
+}
+
+impl<'capture> Disk<'capture> {
+    /// Begins the recording `path`.
+    pub fn new(
+        receiver: MessageReceiver,
+        mut make_layer: LayerFactory,
+        path: &Path,
+        description: &Description,
+        limits: DiskLimits,
+        rotation: Rotation,
+        clock: HostClock,
+        status: &'capture Status,
+        stop: &'capture StopFlag,
+    ) -> Result<Self, SequenceError> {
+        let begin = |make_layer: &mut LayerFactory| {
+            let layer = make_layer(path)?;
+            RecordingWriter::on(layer, FileId::random()?, path, description, limits)
+        };
+        let writer = begin(&mut make_layer).map_err(|error| match error {
+            SequenceError::InFile { .. } => error,
+            error => error.in_file(path),
+        })?;
+        Ok(Self {
+            receiver,
+            make_layer,
+            description: description.clone(),
+            limits,
+            rotation,
+            clock,
+            status,
+            stop,
+            path: path.to_path_buf(),
+            begun: Instant::now(),
+            first_file_id: writer.file_id(),
+            writer: Some(writer),
+            table: None,
+            depth_work: None,
+            report: DiskReport {
+                files: vec![path.to_path_buf()],
+                gaps: Vec::with_capacity(1024),
+                ..DiskReport::default()
+            },
+        })
+    }
+
+    /// Writes until the message `End`, then closes the file for the reason that `reason` gives.
+    pub fn run(
+        mut self,
+        parker: &Parker,
+        reason: impl Fn() -> EndReason,
+    ) -> Result<DiskReport, SequenceError> {
+        let mut payload = Vec::with_capacity(2 << 20);
+        loop {
+            match self.receiver.receive(&mut payload) {
+                Some(head) if head.kind() == MessageKind::End => break,
+                Some(head) => {
+                    let stream = head.stream.get();
+                    let begun = Instant::now();
+                    let result = self.take(head.kind(), stream, &payload);
+                    self.judge(result)?;
+                    if head.kind() == MessageKind::Frame {
+                        let work = head.work_nanos.get() + begun.elapsed().as_nanos() as u64;
+                        self.count_work(stream, work);
+                    }
+                }
+                None => parker.park_timeout(LONGEST_PARK),
+            }
+            let due = self.seal_if_due();
+            self.judge(due)?;
+        }
+        let reason = self.report.failure.unwrap_or_else(reason);
+        self.finish(reason)?;
+        Ok(self.report)
+    }
+
+    fn take(
+        &mut self,
+        kind: MessageKind,
+        stream: u16,
+        payload: &[u8],
+    ) -> Result<(), SequenceError> {
+        match kind {
+            MessageKind::Frame => self.take_frame(stream, payload),
+            MessageKind::Gap => {
+                if let Some((header, words)) = gap_parts(payload) {
+                    let words = String::from_utf8_lossy(words).into_owned();
+                    self.take_gap(Gap::of(stream, header, words))?;
+                }
+                Ok(())
+            }
+            MessageKind::Table => {
+                let table = CodeTable::from_bytes(payload)?;
+                if let Some(writer) = &mut self.writer {
+                    writer.write_table(stream, &table)?;
+                }
+                self.table = Some((stream, table));
+                Ok(())
+            }
+            MessageKind::Histogram => {
+                let histogram: Histogram = serde_json::from_slice(payload)?;
+                match &mut self.writer {
+                    // A full disk has no room for counts.
+                    Some(writer) if self.report.failure.is_none() => {
+                        writer.write_histogram(stream, &histogram)
+                    }
+                    _ => Ok(()),
+                }
+            }
+            MessageKind::End => Ok(()),
+        }
+    }
+
+    fn take_frame(&mut self, stream: u16, payload: &[u8]) -> Result<(), SequenceError> {
+        let Some((header, image)) = frame_parts(payload) else {
+            return Ok(());
+        };
+        let times = FrameTimes::of(header);
+        if let Some(cause) = self.report.failure.and_then(EndReason::gap_cause) {
+            return self.take_gap(one_frame(stream, times.number, cause));
+        }
+        let Some(writer) = &mut self.writer else {
+            return Ok(());
+        };
+        match writer.write_frame(stream, &times, image) {
+            Ok(()) => {
+                self.report.frames += 1;
+                self.report.repeats += u64::from(times.is_repeat);
+                let nanos = times.device_nanos;
+                let [first, last] = self.report.device_nanos.unwrap_or([nanos; 2]);
+                self.report.device_nanos = Some([first.min(nanos), last.max(nanos)]);
+                self.status.add_recorded(payload.len() as u64);
+                Ok(())
+            }
+            Err(error) if error.is_disk_full() => {
+                self.fail(EndReason::DiskFull);
+                self.take_gap(one_frame(stream, times.number, GapCause::DiskFull))
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Writes a gap, joined with the one before where they touch: a full disk must not be filled with gaps.
+    fn take_gap(&mut self, gap: Gap) -> Result<(), SequenceError> {
+        let touches = |last: &&mut Gap| {
+            last.stream == gap.stream
+                && last.cause == gap.cause
+                && last.first_number + last.count == gap.first_number
+        };
+        let is_joined = match self.report.gaps.iter_mut().rev().take(4).find(touches) {
+            Some(last) if self.report.failure.is_some() => {
+                last.count += gap.count;
+                true
+            }
+            _ => false,
+        };
+        if is_joined {
+            return Ok(());
+        }
+        if self.report.failure.is_none()
+            && let Some(writer) = &mut self.writer
+        {
+            writer.write_gap(&gap)?;
+        }
+        self.report.gaps.push(gap);
+        Ok(())
+    }
+
+    /// A disk that is full or broken ends the recording; other errors are passed on.
+    fn judge(&mut self, result: Result<(), SequenceError>) -> Result<(), SequenceError> {
+        match result {
+            Err(error) if error.is_disk_full() => {
+                self.fail(EndReason::DiskFull);
+                Ok(())
+            }
+            Err(error) if error.is_disk_error() => {
+                tracing::error!("{error}");
+                self.fail(EndReason::DiskError);
+                Ok(())
+            }
+            result => result,
+        }
+    }
+
+    fn fail(&mut self, reason: EndReason) {
+        if self.report.failure.is_none() {
+            self.report.failure = Some(reason);
+            self.stop.stop(reason);
+        }
+    }
+
+    fn seal_if_due(&mut self) -> Result<(), SequenceError> {
+        let now_nanos = (self.clock.monotonic)();
+        let Some(writer) = &mut self.writer else {
+            return Ok(());
+        };
+        if self.report.failure.is_some() || !writer.is_due(now_nanos) {
+            return Ok(());
+        }
+        let begun = Instant::now();
+        writer.seal()?;
+        self.report.seals.add(begun.elapsed());
+        self.status.set_bytes(self.report.bytes + writer.bytes());
+        let is_full = self
+            .rotation
+            .bytes
+            .is_some_and(|bytes| writer.bytes() >= bytes);
+        let is_old = self
+            .rotation
+            .age
+            .is_some_and(|age| self.begun.elapsed() >= age);
+        if is_full || is_old {
+            self.rotate()?;
+        }
+        Ok(())
+    }
+
+    /// Closes this file and goes on in the next.
+    fn rotate(&mut self) -> Result<(), SequenceError> {
+        self.finish(EndReason::Part)?;
+        let number = self.report.files.len() as u32 + 1;
+        let path = part_path(&self.path, number);
+        self.description.part = Some(Part {
+            number,
+            first_file_id: self.first_file_id,
+        });
+        let layer = (self.make_layer)(&path)?;
+        let mut writer = RecordingWriter::on(
+            layer,
+            FileId::random()?,
+            &path,
+            &self.description,
+            self.limits,
+        )?;
+        if let Some((stream, table)) = &self.table {
+            writer.write_table(*stream, table)?;
+        }
+        self.writer = Some(writer);
+        self.begun = Instant::now();
+        self.report.files.push(path);
+        Ok(())
+    }
+
+    fn finish(&mut self, reason: EndReason) -> Result<(), SequenceError> {
+        let Some(mut writer) = self.writer.take() else {
+            return Ok(());
+        };
+        let cause = self.report.failure.and_then(EndReason::gap_cause);
+        if cause.is_some() {
+            // These were held back to be joined.
+            for gap in self.report.gaps.iter().filter(|gap| gap.cause == cause) {
+                writer.write_gap(gap)?;
+            }
+        }
+        let finished = writer.finish(&reason.to_string())?;
+        self.report.bytes += finished.bytes;
+        self.report.frames -= finished.lost.iter().map(|gap| gap.count).sum::<u64>();
+        self.report.gaps.extend(finished.lost);
+        Ok(())
+    }
+
+    fn count_work(&mut self, stream: u16, nanos: u64) {
+        self.report.frame_work.add(Duration::from_nanos(nanos));
+        if stream == sequence::DEPTH_STREAM {
+            self.depth_work = Some(nanos);
+        } else if let Some(depth) = self.depth_work.take() {
+            self.report
+                .pair_work
+                .add(Duration::from_nanos(depth + nanos));
+        }
+    }
+}
+
+fn one_frame(stream: u16, number: u64, cause: GapCause) -> Gap {
+    crate::drops::Drop {
+        stream,
+        first_number: number,
+        count: 1,
+        cause,
+    }
+    .gap()
+}
+
+/// `room.glint` goes on in `room-002.glint`.
+pub fn part_path(first: &Path, number: u32) -> PathBuf {
+    let stem = first.file_stem().unwrap_or_default().to_string_lossy();
+    first.with_file_name(format!("{stem}-{number:03}.glint"))
+}

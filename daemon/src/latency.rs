@@ -1,0 +1,58 @@
+//! How long things took, without keeping each.
+
+use std::time::Duration;
+
+/// Durations from a microsecond to a minute, to three digits; memory is made once.
+#[derive(Clone, Debug)]
+pub struct Latencies(hdrhistogram::Histogram<u64>);
+
+/// Longest duration told apart, microseconds.
+const LONGEST_MICROS: u64 = 60_000_000;
+
+impl Default for Latencies {
+    fn default() -> Self {
+        let histogram = hdrhistogram::Histogram::new_with_bounds(1, LONGEST_MICROS, 3);
+        Self(histogram.expect("the bounds are constants that the crate accepts"))
+    }
+}
+
+impl Latencies {
+    /// Counts a duration; one beyond a minute counts as a minute.
+    pub fn add(&mut self, duration: Duration) {
+        let micros = u64::try_from(duration.as_micros()).unwrap_or(u64::MAX);
+        self.0.saturating_record(micros.clamp(1, LONGEST_MICROS));
+    }
+
+    /// The duration that `fraction` of all stay within, milliseconds; 0 of none.
+    pub fn quantile_ms(&self, fraction: f64) -> f64 {
+        self.0.value_at_quantile(fraction) as f64 / 1e3
+    }
+
+    /// How many were counted.
+    pub fn count(&self) -> u64 {
+        self.0.len()
+    }
+
+    /// The counts in bins that double, for the record `histogram`.
+    pub fn histogram(&self, name: &str) -> sequence::Histogram {
+        let mut edges = vec![0.0];
+        let mut counts = Vec::new();
+        let mut upper_micros = 125;
+        while upper_micros < LONGEST_MICROS * 2 {
+            let lower_micros = if counts.is_empty() {
+                0
+            } else {
+                upper_micros / 2
+            };
+            counts.push(self.0.count_between(lower_micros, upper_micros - 1));
+            edges.push(upper_micros as f64 / 1e3);
+            upper_micros *= 2;
+        }
+        sequence::Histogram {
+            name: name.to_owned(),
+            unit: "ms".to_owned(),
+            edges,
+            counts,
+        }
+    }
+}

@@ -1,0 +1,43 @@
+//! glintd, the recorder: frames of a camera, or of a recording that stands in for one, into a `.glint` file that
+//! can be trusted.
+//!
+//! For: never losing a frame silently, bounded memory, a file that is whole at every moment. Not for: training,
+//! networks, rendering.
+//!
+//! ```no_run
+//! use glintd::capture::{CaptureOptions, StopFlag, capture};
+//! use glintd::source_spec::SourceSpec;
+//! let source: SourceSpec = "replay:room.glint?speed=max".parse()?;
+//! let outcome = capture(CaptureOptions::new(source, "copy.glint".into()), &StopFlag::default())?;
+//! println!("{} frames", outcome.frames_recorded);
+//! # Ok::<(), anyhow::Error>(())
+//! ```
+//!
+//! Map, along the way of a frame: [`source_spec`] what stands on the command line · [`replay`] a recording as a
+//! camera · [`frame`] frames and their pools · [`drops`] what is missing, and why · [`pair`] depth with colour ·
+//! [`record`] encoding · [`message`] encoded records in a ring of bytes · [`disk`] the writer · [`capture`] the
+//! threads · [`latency`] and [`outcome`] what is counted · [`inspect`] info, verify, recover, cut · [`cli`] the
+//! command line.
+//!
+//! ```text
+//! source ─ring─► pair ─ring─► record ─ring of bytes (3 s)─► disk
+//!    ▲                           │
+//!    └────── free frames ────────┘
+//! ```
+//!
+//! Invariants: nothing is allocated per frame once warm (`tests/allocations.rs`); no thread waits for a later one
+//! unless the source can be paused (`speed=max`); every frame that the source numbered is in the file or in a gap.
+
+pub mod capture;
+pub mod cli;
+pub mod disk;
+pub mod drops;
+pub mod frame;
+pub mod inspect;
+pub mod latency;
+pub mod message;
+pub mod outcome;
+pub mod pair;
+pub mod record;
+pub mod replay;
+pub mod source_spec;

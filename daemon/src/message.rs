@@ -1,0 +1,172 @@
+//! Encoded records in a ring of bytes, between the record thread and the disk.
+
+use ringbuf::traits::{Consumer as _, Observer as _, Producer as _, Split as _};
+use ringbuf::{HeapCons, HeapProd, HeapRb};
+use sequence::layout::{FrameHeader, GapHeader};
+use zerocopy::byteorder::little_endian::{U16, U32, U64};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
+
+/// What a message is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u16)]
+pub enum MessageKind {
+    /// Frame header and payload.
+    Frame = 1,
+    /// A table of depth codes.
+    Table = 2,
+    /// Gap header and words.
+    Gap = 3,
+    /// A histogram as JSON.
+    Histogram = 4,
+    /// Nothing follows.
+    End = 5,
+}
+
+/// The beginning of a message.
+#[derive(Clone, Copy, Debug, FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+pub struct MessageHead {
+    kind: U16,
+    /// Stream.
+    pub stream: U16,
+    /// Bytes that follow.
+    pub bytes: U32,
+    /// Time spent on it so far, nanoseconds.
+    pub work_nanos: U64,
+}
+
+/// Bytes of a head.
+pub const HEAD_BYTES: usize = size_of::<MessageHead>();
+
+impl MessageHead {
+    /// What the message is.
+    pub fn kind(&self) -> MessageKind {
+        match self.kind.get() {
+            1 => MessageKind::Frame,
+            2 => MessageKind::Table,
+            3 => MessageKind::Gap,
+            4 => MessageKind::Histogram,
+            _ => MessageKind::End,
+        }
+    }
+}
+
+/// The end that the record thread has.
+pub struct MessageSender(HeapProd<u8>);
+
+/// The end that the disk has.
+pub struct MessageReceiver(HeapCons<u8>);
+
+/// A ring of `bytes`. Its pages are touched here, so that memory does not grow while recording.
+pub fn ring(bytes: usize) -> (MessageSender, MessageReceiver) {
+    let (mut sender, mut receiver) = HeapRb::<u8>::new(bytes).split();
+    let zeros = [0; 4096];
+    while sender.push_slice(&zeros) > 0 {}
+    receiver.clear();
+    (MessageSender(sender), MessageReceiver(receiver))
+}
+
+impl MessageSender {
+    /// Bytes that can be sent at once.
+    pub fn vacant_bytes(&self) -> usize {
+        self.0.vacant_len()
+    }
+
+    /// Whether anybody receives.
+    pub fn is_connected(&self) -> bool {
+        self.0.read_is_held()
+    }
+
+    /// Share of the ring that is in use, 0 to 1.
+    pub fn fill_fraction(&self) -> f64 {
+        self.0.occupied_len() as f64 / self.0.capacity().get() as f64
+    }
+
+    /// Sends a message whole; false, and nothing is sent, when it does not fit.
+    pub fn send(
+        &mut self,
+        kind: MessageKind,
+        stream: u16,
+        work_nanos: u64,
+        parts: [&[u8]; 2],
+    ) -> bool {
+        let bytes = parts[0].len() + parts[1].len();
+        let Ok(length) = u32::try_from(bytes) else {
+            return false;
+        };
+        if self.vacant_bytes() < HEAD_BYTES + bytes {
+            return false;
+        }
+        let head = MessageHead {
+            kind: (kind as u16).into(),
+            stream: stream.into(),
+            bytes: length.into(),
+            work_nanos: work_nanos.into(),
+        };
+        self.0.push_slice(head.as_bytes());
+        self.0.push_slice(parts[0]);
+        self.0.push_slice(parts[1]);
+        true
+    }
+}
+
+impl MessageReceiver {
+    /// The next message, its bytes in `payload`; `None` when none is whole yet.
+    pub fn receive(&mut self, payload: &mut Vec<u8>) -> Option<MessageHead> {
+        let mut head = [0; HEAD_BYTES];
+        if self.0.occupied_len() < HEAD_BYTES || self.0.peek_slice(&mut head) < HEAD_BYTES {
+            return None;
+        }
+        let head = MessageHead::read_from_bytes(&head).ok()?;
+        let bytes = head.bytes.get() as usize;
+        // The sender pushes a message in parts.
+        if self.0.occupied_len() < HEAD_BYTES + bytes {
+            return None;
+        }
+        self.0.skip(HEAD_BYTES);
+        payload.resize(bytes, 0);
+        self.0.pop_slice(payload);
+        Some(head)
+    }
+
+    /// Whether nothing is there.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+/// Header and image of a frame message.
+pub fn frame_parts(payload: &[u8]) -> Option<(&FrameHeader, &[u8])> {
+    FrameHeader::ref_from_prefix(payload).ok()
+}
+
+/// Header and words of a gap message.
+pub fn gap_parts(payload: &[u8]) -> Option<(&GapHeader, &[u8])> {
+    GapHeader::ref_from_prefix(payload).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_come_whole_and_in_order_over_the_seam() {
+        let (mut sender, mut receiver) = ring(200);
+        let mut payload = Vec::new();
+        for round in 0..50_u8 {
+            let body = vec![round; 60];
+            assert!(sender.send(MessageKind::Frame, 2, 7, [&body[..20], &body[20..]]));
+            assert!(sender.send(MessageKind::Table, 1, 0, [&[round], &[]]));
+            assert!(!sender.send(MessageKind::Frame, 2, 7, [&[0; 120], &[]]));
+            let head = receiver.receive(&mut payload).unwrap();
+            assert_eq!((head.kind(), head.stream.get()), (MessageKind::Frame, 2));
+            assert_eq!(payload, body);
+            let head = receiver.receive(&mut payload).unwrap();
+            assert_eq!(
+                (head.kind(), payload.as_slice()),
+                (MessageKind::Table, &[round][..])
+            );
+            assert!(receiver.receive(&mut payload).is_none());
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! What a recording came to.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use sequence::Gap;
+use serde::Serialize;
+
+use crate::capture::{EndReason, StatusNow};
+use crate::disk::DiskReport;
+use crate::pair::PairReport;
+
+/// The summary of `glintd record`. Times in milliseconds are of work: a thread that waits does not count.
+#[derive(Clone, Debug, Serialize)]
+pub struct Outcome {
+    /// Why it ended.
+    pub reason: String,
+    /// The files.
+    pub files: Vec<PathBuf>,
+    /// Frames of both streams that the source had.
+    pub frames_in: u64,
+    /// Frames in the files.
+    pub frames_recorded: u64,
+    /// Frames that repeat their predecessor.
+    pub repeats: u64,
+    /// Frames that are missing.
+    pub gaps: u64,
+    /// Frames without a partner in the other stream.
+    pub unpaired: u64,
+    /// What is missing, in words.
+    pub missing: Vec<String>,
+    /// Seconds that passed.
+    pub wall_s: f64,
+    /// Time that the recorded frames span by the device, over the time that passed.
+    pub realtime_factor: f64,
+    /// Work to encode and store a pair: median.
+    pub record_ms_p50: f64,
+    /// Work to encode and store a pair: 99 of 100 stay within.
+    pub record_ms_p99: f64,
+    /// Time to make a chunk durable: median.
+    pub seal_ms_p50: f64,
+    /// Time to make a chunk durable: 99 of 100 stay within.
+    pub seal_ms_p99: f64,
+    /// Time between the frames of a pair: median.
+    pub pair_skew_ms_p50: f64,
+    /// Bytes of the files.
+    pub bytes: u64,
+    /// Bytes of the recorded frames as the camera sent them, or for JPEG the largest frame for each.
+    pub raw_bytes: u64,
+    /// Most memory that the program had resident, MB.
+    pub rss_peak_mb: f64,
+    /// Processor time of all threads, seconds.
+    pub cpu_s: f64,
+}
+
+impl Outcome {
+    pub(crate) fn new(
+        status: &StatusNow,
+        pairing: PairReport,
+        disk: DiskReport,
+        reason: EndReason,
+        raw_pair_bytes: usize,
+        wall: Duration,
+    ) -> Self {
+        let realtime_factor = disk.span_s() / wall.as_secs_f64();
+        Self {
+            reason: reason.to_string(),
+            files: disk.files,
+            frames_in: status.frames_in,
+            frames_recorded: disk.frames,
+            repeats: disk.repeats,
+            gaps: disk.gaps.iter().map(|gap| gap.count).sum(),
+            unpaired: pairing.single_count,
+            missing: disk.gaps.iter().map(in_words).collect(),
+            wall_s: wall.as_secs_f64(),
+            realtime_factor,
+            record_ms_p50: disk.pair_work.quantile_ms(0.5),
+            record_ms_p99: disk.pair_work.quantile_ms(0.99),
+            seal_ms_p50: disk.seals.quantile_ms(0.5),
+            seal_ms_p99: disk.seals.quantile_ms(0.99),
+            pair_skew_ms_p50: pairing.skews.quantile_ms(0.5),
+            bytes: disk.bytes,
+            raw_bytes: disk.frames * raw_pair_bytes as u64 / 2,
+            rss_peak_mb: peak_resident_mb(),
+            cpu_s: processor_seconds(),
+        }
+    }
+
+    /// Whether every frame is in the files.
+    pub fn is_whole(&self) -> bool {
+        self.gaps == 0
+    }
+}
+
+fn in_words(gap: &Gap) -> String {
+    let cause = gap
+        .cause
+        .map_or_else(|| "unknown".to_owned(), |cause| cause.to_string());
+    format!(
+        "stream {}: {} frames from {} on ({cause})",
+        gap.stream, gap.count, gap.first_number
+    )
+}
+
+/// Peak of resident memory, MB (2^20 bytes); 0 where the system does not say.
+pub fn peak_resident_mb() -> f64 {
+    status_mb("VmHWM:")
+}
+
+/// Resident memory now, MB (2^20 bytes); 0 where the system does not say.
+pub fn resident_mb() -> f64 {
+    status_mb("VmRSS:")
+}
+
+fn status_mb(key: &str) -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix(key));
+    let kilobytes = line.and_then(|rest| rest.split_whitespace().next()?.parse::<f64>().ok());
+    kilobytes.unwrap_or_default() / 1024.0
+}
+
+/// Processor time of all threads, seconds.
+fn processor_seconds() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 / 1e9
+}
+
+impl fmt::Display for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let files: Vec<String> = self
+            .files
+            .iter()
+            .map(|file| file.display().to_string())
+            .collect();
+        writeln!(
+            f,
+            "{} frames of {} in {:.1} s, {:.1} MB ({:.1} % of raw), ended: {}",
+            self.frames_recorded,
+            self.frames_in,
+            self.wall_s,
+            self.bytes as f64 / 1e6,
+            100.0 * self.bytes as f64 / self.raw_bytes.max(1) as f64,
+            self.reason,
+        )?;
+        writeln!(f, "file: {}", files.join(", "))?;
+        writeln!(
+            f,
+            "work for a pair: {:.2} ms median, {:.2} ms p99; to make a chunk durable: {:.1} ms median, {:.1} ms p99",
+            self.record_ms_p50, self.record_ms_p99, self.seal_ms_p50, self.seal_ms_p99
+        )?;
+        if self.repeats > 0 {
+            writeln!(f, "repeated frames: {}", self.repeats)?;
+        }
+        for missing in &self.missing {
+            writeln!(f, "missing: {missing}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,283 @@
+//! The record thread: frames are encoded and handed to the disk. It never waits for the disk, unless the source
+//! can be paused.
+
+use std::time::{Duration, Instant};
+
+use crossbeam::channel::Receiver;
+use crossbeam::sync::{Parker, Unparker};
+use ringbuf::HeapCons;
+use ringbuf::traits::{Consumer as _, Observer as _};
+use sequence::codecs::{CodeTable, DepthCodec, MAX_CODES};
+use sequence::encode::{ColorStreamEncoder, DepthStreamEncoder};
+use sequence::layout::{FrameHeader, GapHeader};
+use sequence::{COLOR_STREAM, DEPTH_STREAM, FrameTimes, GapCause, SequenceError, Streams};
+use zerocopy::IntoBytes as _;
+
+use crate::capture::{LONGEST_PARK, Status};
+use crate::drops::Drop;
+use crate::frame::{ColorFrame, DepthFrame, Returns};
+use crate::message::{HEAD_BYTES, MessageKind, MessageSender};
+use crate::pair::Unit;
+
+/// Room for gaps and a table beside the frames of a unit, bytes.
+const EXTRA_BYTES: usize = 64 * (HEAD_BYTES + size_of::<GapHeader>()) + 8 + 2 * MAX_CODES;
+
+/// Where the record thread gives and takes.
+pub struct RecordEnds {
+    /// From the pair thread.
+    pub from: HeapCons<Unit>,
+    /// To the disk.
+    pub to: MessageSender,
+    /// What other threads dropped.
+    pub drops: Receiver<Drop>,
+    /// Free depth frames go back.
+    pub depth_returns: Returns<DepthFrame>,
+    /// Free colour frames go back.
+    pub color_returns: Returns<ColorFrame>,
+    /// Where this thread waits.
+    pub parker: Parker,
+    /// Wakes the disk.
+    pub disk: Unparker,
+    /// Wakes the source.
+    pub source: Unparker,
+}
+
+/// Encodes the frames of one recording.
+pub struct Recorder<'status> {
+    ends: RecordEnds,
+    status: &'status Status,
+    depth_encoder: DepthStreamEncoder,
+    color_encoder: ColorStreamEncoder,
+    /// The source waits when the ring is full.
+    waits: bool,
+    last: [StreamState; 2],
+    previous_depth: Vec<u16>,
+    previous_color: Vec<u8>,
+    most_unit_bytes: usize,
+    is_warned: bool,
+}
+
+/// What was recorded last of a stream.
+#[derive(Default)]
+struct StreamState {
+    nanos: Option<i64>,
+    /// Drops that are not written yet.
+    drops: Vec<Drop>,
+}
+
+impl<'status> Recorder<'status> {
+    /// A recorder for `streams`; a colour frame has at most `most_color_bytes`. `waits` is for sources that can
+    /// be paused.
+    pub fn new(
+        ends: RecordEnds,
+        streams: &Streams,
+        depth_codec: DepthCodec,
+        most_color_bytes: usize,
+        waits: bool,
+        status: &'status Status,
+    ) -> Result<Self, SequenceError> {
+        let depth_encoder = DepthStreamEncoder::new(streams, depth_codec)?;
+        let color_encoder = ColorStreamEncoder::new(streams)?;
+        let camera = &streams.depth.intrinsics;
+        let pixel_count = camera.width() as usize * camera.height() as usize;
+        let heads = 2 * (HEAD_BYTES + size_of::<FrameHeader>());
+        let most_color_payload = color_encoder.max_payload_bytes().max(most_color_bytes);
+        let state = || StreamState {
+            nanos: None,
+            drops: Vec::with_capacity(256),
+        };
+        Ok(Self {
+            most_unit_bytes: heads
+                + depth_encoder.max_payload_bytes()
+                + most_color_payload
+                + EXTRA_BYTES,
+            ends,
+            status,
+            depth_encoder,
+            color_encoder,
+            waits,
+            last: [state(), state()],
+            previous_depth: Vec::with_capacity(pixel_count),
+            previous_color: Vec::with_capacity(most_color_bytes),
+            is_warned: false,
+        })
+    }
+
+    /// Records until the pair thread is gone; returns the way to the disk for what comes last.
+    pub fn run(mut self) -> Result<MessageSender, SequenceError> {
+        loop {
+            match self.ends.from.try_pop() {
+                Some(unit) => self.record(unit)?,
+                None if self.ends.from.write_is_held() => {
+                    self.ends.parker.park_timeout(LONGEST_PARK);
+                }
+                // What was pushed between the two looks.
+                None if !self.ends.from.is_empty() => {}
+                None => break,
+            }
+        }
+        self.take_drops();
+        self.wait_for_room();
+        for stream in [DEPTH_STREAM, COLOR_STREAM] {
+            self.send_gaps(stream, u64::MAX, None);
+        }
+        self.ends.disk.unpark();
+        Ok(self.ends.to)
+    }
+
+    fn record(&mut self, unit: Unit) -> Result<(), SequenceError> {
+        self.take_drops();
+        let has_room = if self.waits {
+            self.wait_for_room();
+            true
+        } else {
+            self.ends.to.vacant_bytes() >= self.most_unit_bytes
+        };
+        let (depth, color) = match unit {
+            Unit::Pair(depth, color) => (Some(depth), Some(color)),
+            Unit::Depth(depth) => (Some(depth), None),
+            Unit::Color(color) => (None, Some(color)),
+        };
+        if let Some(frame) = depth {
+            if has_room {
+                self.record_depth(&frame)?;
+            } else {
+                self.drop_frame(DEPTH_STREAM, frame.times.number);
+            }
+            self.ends.depth_returns.give(frame);
+        }
+        if let Some(frame) = color {
+            if has_room {
+                self.record_color(&frame)?;
+            } else {
+                self.drop_frame(COLOR_STREAM, frame.times.number);
+            }
+            self.ends.color_returns.give(frame);
+        }
+        self.ends.disk.unpark();
+        self.ends.source.unpark();
+        self.warn_of_fill();
+        Ok(())
+    }
+
+    fn record_depth(&mut self, frame: &DepthFrame) -> Result<(), SequenceError> {
+        let begun = Instant::now();
+        let times = FrameTimes {
+            is_repeat: self.last[0].nanos.is_some() && self.previous_depth == frame.samples,
+            ..frame.times
+        };
+        self.send_gaps(DEPTH_STREAM, times.number, Some(times.device_nanos));
+        if !times.is_repeat {
+            self.previous_depth.clone_from(&frame.samples);
+        }
+        let (payload, table) = self.depth_encoder.encode(&frame.samples)?;
+        if let Some(table) = table {
+            let bytes = CodeTable::to_bytes(table);
+            self.ends
+                .to
+                .send(MessageKind::Table, DEPTH_STREAM, 0, [&bytes, &[]]);
+        }
+        let header = times.header();
+        let work = nanos_since(begun);
+        let parts = [header.as_bytes(), payload];
+        self.ends
+            .to
+            .send(MessageKind::Frame, DEPTH_STREAM, work, parts);
+        self.last[0].nanos = Some(times.device_nanos);
+        Ok(())
+    }
+
+    fn record_color(&mut self, frame: &ColorFrame) -> Result<(), SequenceError> {
+        let begun = Instant::now();
+        let times = FrameTimes {
+            is_repeat: self.last[1].nanos.is_some() && self.previous_color == frame.bytes,
+            ..frame.times
+        };
+        self.send_gaps(COLOR_STREAM, times.number, Some(times.device_nanos));
+        if !times.is_repeat {
+            self.previous_color.clone_from(&frame.bytes);
+        }
+        let payload = self.color_encoder.encode(&frame.bytes)?;
+        let header = times.header();
+        let work = nanos_since(begun);
+        let parts = [header.as_bytes(), payload];
+        self.ends
+            .to
+            .send(MessageKind::Frame, COLOR_STREAM, work, parts);
+        self.last[1].nanos = Some(times.device_nanos);
+        Ok(())
+    }
+
+    fn drop_frame(&mut self, stream: u16, number: u64) {
+        self.keep_drop(Drop {
+            stream,
+            first_number: number,
+            count: 1,
+            cause: GapCause::RingFull,
+        });
+    }
+
+    fn take_drops(&mut self) {
+        while let Ok(drop) = self.ends.drops.try_recv() {
+            self.keep_drop(drop);
+        }
+    }
+
+    fn keep_drop(&mut self, drop: Drop) {
+        self.status.add_missing(drop.count);
+        let drops = &mut self.last[index_of(drop.stream)].drops;
+        match drops.last_mut() {
+            Some(last)
+                if last.cause == drop.cause
+                    && last.first_number + last.count == drop.first_number =>
+            {
+                last.count += drop.count;
+            }
+            _ => drops.push(drop),
+        }
+    }
+
+    /// Sends the drops of a stream before frame `number`, which was taken at `nanos`.
+    fn send_gaps(&mut self, stream: u16, number: u64, nanos: Option<i64>) {
+        let state = &mut self.last[index_of(stream)];
+        let to = &mut self.ends.to;
+        state.drops.retain(|drop| {
+            if drop.first_number >= number {
+                return true;
+            }
+            let mut gap = drop.gap();
+            gap.from_nanos = state.nanos;
+            gap.to_nanos = nanos;
+            // One that does not fit stays for the next time.
+            !to.send(MessageKind::Gap, stream, 0, [gap.header().as_bytes(), &[]])
+        });
+    }
+
+    fn wait_for_room(&self) {
+        while self.ends.to.vacant_bytes() < self.most_unit_bytes && self.ends.to.is_connected() {
+            self.ends.disk.unpark();
+            std::thread::sleep(Duration::from_micros(500));
+        }
+    }
+
+    /// Says once that the disk is late, when four fifths of the ring are full.
+    fn warn_of_fill(&mut self) {
+        let fill = self.ends.to.fill_fraction();
+        self.status.set_ring_fill(fill);
+        if fill > 0.8 && !self.is_warned && !self.waits {
+            tracing::warn!(
+                "the disk is late: {:.0} % of the buffer is full",
+                100.0 * fill
+            );
+        }
+        self.is_warned = fill > if self.is_warned { 0.5 } else { 0.8 };
+    }
+}
+
+fn index_of(stream: u16) -> usize {
+    usize::from(stream == COLOR_STREAM)
+}
+
+fn nanos_since(begun: Instant) -> u64 {
+    u64::try_from(begun.elapsed().as_nanos()).unwrap_or(u64::MAX)
+}
