@@ -53,6 +53,9 @@ pub struct Recorder<'status> {
     last: [StreamState; 2],
     previous_depth: Vec<u16>,
     previous_color: Vec<u8>,
+    pixel_count: usize,
+    /// Bytes of a raw colour frame; `None` for JPEG, whose frames differ.
+    color_bytes: Option<usize>,
     most_unit_bytes: usize,
     is_warned: bool,
 }
@@ -93,6 +96,11 @@ impl<'status> Recorder<'status> {
                 + EXTRA_BYTES,
             ends,
             status,
+            pixel_count,
+            color_bytes: match streams.color.encoding.lossless() {
+                Some(_) => Some(most_color_bytes),
+                None => None,
+            },
             depth_encoder,
             color_encoder,
             waits,
@@ -139,18 +147,26 @@ impl<'status> Recorder<'status> {
             Unit::Color(color) => (None, Some(color)),
         };
         if let Some(frame) = depth {
-            if has_room {
+            if frame.samples.len() != self.pixel_count {
+                self.drop_frame(DEPTH_STREAM, frame.times.number, GapCause::Corrupt);
+            } else if has_room {
                 self.record_depth(&frame)?;
             } else {
-                self.drop_frame(DEPTH_STREAM, frame.times.number);
+                self.drop_frame(DEPTH_STREAM, frame.times.number, GapCause::RingFull);
             }
             self.ends.depth_returns.give(frame);
         }
         if let Some(frame) = color {
-            if has_room {
+            let is_short = match self.color_bytes {
+                Some(bytes) => frame.bytes.len() != bytes,
+                None => frame.bytes.is_empty(),
+            };
+            if is_short {
+                self.drop_frame(COLOR_STREAM, frame.times.number, GapCause::Corrupt);
+            } else if has_room {
                 self.record_color(&frame)?;
             } else {
-                self.drop_frame(COLOR_STREAM, frame.times.number);
+                self.drop_frame(COLOR_STREAM, frame.times.number, GapCause::RingFull);
             }
             self.ends.color_returns.give(frame);
         }
@@ -208,12 +224,12 @@ impl<'status> Recorder<'status> {
         Ok(())
     }
 
-    fn drop_frame(&mut self, stream: u16, number: u64) {
+    fn drop_frame(&mut self, stream: u16, number: u64, cause: GapCause) {
         self.keep_drop(Drop {
             stream,
             first_number: number,
             count: 1,
-            cause: GapCause::RingFull,
+            cause,
         });
     }
 
