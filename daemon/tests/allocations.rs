@@ -1,0 +1,132 @@
+//! Nothing is allocated per frame once warm: counted over all threads that frames pass.
+
+#[path = "record/source.rs"]
+mod source;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glintd::capture::{CaptureOptions, StopFlag, capture};
+use sequence::file_layer::{self, FileLayer, WritePath};
+
+/// Counts the allocations of every thread but the test's own, which starts the others and then only watches.
+struct Counting;
+
+thread_local! {
+    static WATCHES: Cell<bool> = const { Cell::new(false) };
+}
+
+fn count() {
+    if !WATCHES.get() {
+        COUNT.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+static COUNT: AtomicU64 = AtomicU64::new(0);
+
+#[expect(unsafe_code, reason = "an allocator that counts")]
+// SAFETY: all work is the system allocator's; counting neither allocates nor panics: the thread-local is a
+// constant without a destructor.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count();
+        // SAFETY: the caller keeps the contract of `alloc`, which is passed on as it is.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the pointer came from `System` above.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        count();
+        // SAFETY: the pointer came from `System` above.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Notes the count of allocations at every seal.
+struct Noting {
+    file: Box<dyn FileLayer>,
+    counts: Arc<[AtomicU64; 64]>,
+    seals: usize,
+}
+
+impl FileLayer for Noting {
+    fn allocate(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
+        self.file.allocate(offset, bytes)
+    }
+
+    fn write_at(&mut self, offset: u64, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write_at(offset, bytes)
+    }
+
+    fn sync(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
+        if let Some(slot) = self.counts.get(self.seals) {
+            slot.store(COUNT.load(Ordering::Relaxed), Ordering::Relaxed);
+        }
+        self.seals += 1;
+        self.file.sync(offset, bytes)
+    }
+
+    fn set_len(&mut self, bytes: u64) -> io::Result<()> {
+        self.file.set_len(bytes)
+    }
+
+    fn free_bytes(&mut self) -> io::Result<u64> {
+        self.file.free_bytes()
+    }
+
+    fn release_before(&mut self, offset: u64) {
+        self.file.release_before(offset);
+    }
+}
+
+#[test]
+fn nothing_is_allocated_per_frame_once_warm() {
+    WATCHES.set(true);
+    let folder = tempfile::tempdir().unwrap();
+    let input = source::write(folder.path(), 3000, &[]);
+    let output = folder.path().join("out.glint");
+    let source = format!("replay:{}?speed=max", input.display());
+    let mut options = CaptureOptions::new(source.parse().unwrap(), output);
+    options.reserve_bytes = Some(0);
+    options.clock = {
+        use std::sync::atomic::AtomicI64;
+        // Five milliseconds a look: several chunks in a short test.
+        static NANOS: AtomicI64 = AtomicI64::new(0);
+        glintd::capture::HostClock {
+            monotonic: || NANOS.fetch_add(5_000_000, Ordering::Relaxed),
+            wall: || 0,
+        }
+    };
+    let counts: Arc<[AtomicU64; 64]> = Arc::new(std::array::from_fn(|_| AtomicU64::new(0)));
+    let noted = Arc::clone(&counts);
+    options.make_layer = Some(Box::new(move |path: &Path| {
+        Ok(Box::new(Noting {
+            file: file_layer::create(path, WritePath::Auto)?,
+            counts: Arc::clone(&noted),
+            seals: 0,
+        }))
+    }));
+    let outcome = capture(options, &StopFlag::default()).unwrap();
+    assert_eq!(outcome.frames_recorded, 6000);
+    let counts: Vec<u64> = counts
+        .iter()
+        .map(|count| count.load(Ordering::Relaxed))
+        .take_while(|count| *count > 0)
+        .collect();
+    assert!(counts.len() > 20, "{counts:?}");
+    // From the third chunk to the one before the last: hundreds of frames through all threads.
+    let (warm, late) = (counts[7], counts[counts.len() - 4]);
+    println!("allocations at each sync: {counts:?}");
+    assert_eq!(late - warm, 0, "{counts:?}");
+}

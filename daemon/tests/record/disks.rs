@@ -1,0 +1,214 @@
+//! Disks that are full, broken or late.
+
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glintd::capture::{EndReason, StopFlag, capture};
+use glintd::disk::LayerFactory;
+use sequence::file_layer::{self, FileLayer, WritePath};
+use sequence::verify::verify;
+use sequence::{GapCause, Recording, SequenceError};
+
+use super::replay::options;
+use super::source;
+
+/// A file whose calls are watched, and refused when `judge` says so.
+pub(crate) struct Watched<J> {
+    file: Box<dyn FileLayer>,
+    judge: J,
+}
+
+/// A call.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Call {
+    Allocate { end: u64 },
+    Write,
+    Sync,
+}
+
+impl<J: FnMut(Call) -> io::Result<()> + Send> FileLayer for Watched<J> {
+    fn allocate(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
+        (self.judge)(Call::Allocate {
+            end: offset + bytes,
+        })?;
+        self.file.allocate(offset, bytes)
+    }
+
+    fn write_at(&mut self, offset: u64, bytes: &[u8]) -> io::Result<usize> {
+        (self.judge)(Call::Write)?;
+        self.file.write_at(offset, bytes)
+    }
+
+    fn sync(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
+        (self.judge)(Call::Sync)?;
+        self.file.sync(offset, bytes)
+    }
+
+    fn set_len(&mut self, bytes: u64) -> io::Result<()> {
+        self.file.set_len(bytes)
+    }
+
+    fn free_bytes(&mut self) -> io::Result<u64> {
+        self.file.free_bytes()
+    }
+
+    fn release_before(&mut self, offset: u64) {
+        self.file.release_before(offset);
+    }
+}
+
+pub(crate) fn watched<J>(judge: impl Fn() -> J + Send + 'static) -> LayerFactory
+where
+    J: FnMut(Call) -> io::Result<()> + Send + 'static,
+{
+    Box::new(
+        move |path: &Path| -> Result<Box<dyn FileLayer>, SequenceError> {
+            Ok(Box::new(Watched {
+                file: file_layer::create(path, WritePath::Auto)?,
+                judge: judge(),
+            }))
+        },
+    )
+}
+
+/// A good disk that sets `stop` after so many frames or a few more: a record is four writes.
+pub(crate) fn stopping_after(frame_count: u64, stop: &StopFlag) -> LayerFactory {
+    let writes = Arc::new(AtomicU64::new(0));
+    let stop = stop.clone();
+    watched(move || {
+        let (writes, stop) = (Arc::clone(&writes), stop.clone());
+        move |call| {
+            if matches!(call, Call::Write)
+                && writes.fetch_add(1, Ordering::Relaxed) >= 4 * frame_count
+            {
+                stop.stop(EndReason::Stopped);
+            }
+            Ok(())
+        }
+    })
+}
+
+#[test]
+fn hc_k06_a_full_disk_ends_the_recording_with_an_exact_list() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = source::write(folder.path(), 400, &[]);
+    // Bite: a file longer than the disk can be made without space for it, and that is what a map would be of.
+    let sparse = std::fs::File::create(folder.path().join("sparse")).unwrap();
+    sparse.set_len(1 << 40).unwrap();
+    assert_eq!(sparse.metadata().unwrap().len(), 1 << 40);
+    // Hold: at every size of disk the file is whole up to its end, and what is missing is said frame by frame.
+    for room in [110_000_u64, 130_000, 160_000, 200_000] {
+        let output = folder.path().join(format!("out-{room}.glint"));
+        let mut options = options(&input, "", &output);
+        options.make_layer = Some(watched(move || {
+            move |call| match call {
+                Call::Allocate { end } if end > room => Err(io::ErrorKind::StorageFull.into()),
+                _ => Ok(()),
+            }
+        }));
+        let outcome = capture(options, &StopFlag::default()).unwrap();
+        assert_eq!(outcome.reason, "disk-full");
+        assert!(outcome.bytes <= room && outcome.gaps > 0, "{outcome:?}");
+        assert_eq!(
+            outcome.frames_recorded + outcome.gaps,
+            outcome.frames_in,
+            "{outcome:?}"
+        );
+        let recording = Recording::open(&output).unwrap();
+        let contents = recording.contents();
+        for stream in [1, 2] {
+            let places = contents.stream(stream);
+            let missing: u64 = contents
+                .gaps
+                .iter()
+                .filter(|gap| gap.stream == stream)
+                .inspect(|gap| assert_eq!(gap.cause, Some(GapCause::DiskFull)))
+                .map(|gap| gap.count)
+                .sum();
+            // Nothing but the end is missing.
+            assert!(
+                places
+                    .iter()
+                    .map(|place| place.label.number)
+                    .eq(0..places.len() as u64)
+            );
+            assert!(missing > 0);
+        }
+        let found = verify(&output, true).unwrap();
+        assert!(found.findings.is_empty(), "{found:?}");
+        println!(
+            "k06: {room} bytes: {} frames kept, 0 unexplained, tolerance 0",
+            outcome.frames_recorded
+        );
+    }
+}
+
+#[test]
+fn hc_k10_a_chunk_that_the_disk_refuses_becomes_a_gap() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = source::write(folder.path(), 200, &[]);
+    let output = folder.path().join("out.glint");
+    let mut options = options(&input, "", &output);
+    options.clock = super::hard::counting_clock();
+    // The third sync is the first of the second chunk; the operating system says so once, then all is well again.
+    let syncs = Arc::new(AtomicU64::new(0));
+    options.make_layer = Some(watched(move || {
+        let syncs = Arc::clone(&syncs);
+        move |call| match call {
+            Call::Sync if syncs.fetch_add(1, Ordering::Relaxed) == 3 => {
+                Err(io::Error::from_raw_os_error(5))
+            }
+            _ => Ok(()),
+        }
+    }));
+    let outcome = capture(options, &StopFlag::default()).unwrap();
+    let recording = Recording::open(&output).unwrap();
+    let gaps = &recording.contents().gaps;
+    assert!(
+        gaps.len() == 2
+            && gaps
+                .iter()
+                .all(|gap| gap.cause == Some(GapCause::DiskError))
+    );
+    assert_eq!(outcome.frames_recorded + outcome.gaps, 400, "{outcome:?}");
+    assert_eq!(outcome.gaps, gaps.iter().map(|gap| gap.count).sum::<u64>());
+    let found = verify(&output, true).unwrap();
+    assert!(
+        found.findings.is_empty() && found.books.iter().all(|book| book.balances),
+        "{found:?}"
+    );
+    println!(
+        "k10: {} frames refused, {} in gaps, tolerance 0",
+        outcome.gaps, outcome.gaps
+    );
+}
+
+#[test]
+fn a_disk_that_stays_broken_ends_the_recording_and_what_was_sealed_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = source::write(folder.path(), 200, &[]);
+    let output = folder.path().join("out.glint");
+    let mut options = options(&input, "", &output);
+    options.clock = super::hard::counting_clock();
+    let syncs = Arc::new(AtomicU64::new(0));
+    options.make_layer = Some(watched(move || {
+        let syncs = Arc::clone(&syncs);
+        move |call| match call {
+            Call::Sync if syncs.fetch_add(1, Ordering::Relaxed) >= 3 => {
+                Err(io::Error::from_raw_os_error(5))
+            }
+            _ => Ok(()),
+        }
+    }));
+    let result = capture(options, &StopFlag::default());
+    let error = format!("{:#}", result.unwrap_err());
+    assert!(error.contains("disk reports errors"), "{error}");
+    let recording = Recording::open(&output).unwrap();
+    assert!(recording.frame_count() > 0);
+    for index in 0..recording.frame_count() {
+        let expected = source::depth(index as u64);
+        assert_eq!(recording.depth_raw(index).unwrap().pixels(), expected);
+    }
+}
