@@ -77,6 +77,8 @@ pub struct Disk<'capture> {
     first_file_id: FileId,
     table: Option<(u16, CodeTable)>,
     depth_work: Option<u64>,
+    /// Stream and number of the frames that are not durable yet.
+    unsealed: Vec<(u16, u64)>,
     report: DiskReport,
 }
 
@@ -116,6 +118,7 @@ impl<'capture> Disk<'capture> {
             writer: Some(writer),
             table: None,
             depth_work: None,
+            unsealed: Vec::with_capacity(4096),
             report: DiskReport {
                 files: vec![path.to_path_buf()],
                 gaps: Vec::with_capacity(1024),
@@ -205,6 +208,7 @@ impl<'capture> Disk<'capture> {
         match writer.write_frame(stream, &times, image) {
             Ok(()) => {
                 self.report.frames += 1;
+                self.unsealed.push((stream, times.number));
                 self.report.repeats += u64::from(times.is_repeat);
                 let nanos = times.device_nanos;
                 let [first, last] = self.report.device_nanos.unwrap_or([nanos; 2]);
@@ -279,6 +283,7 @@ impl<'capture> Disk<'capture> {
         }
         let begun = Instant::now();
         writer.seal()?;
+        self.unsealed.clear();
         self.report.seals.add(begun.elapsed());
         self.status.set_bytes(self.report.bytes + writer.bytes());
         let is_full = self
@@ -332,11 +337,50 @@ impl<'capture> Disk<'capture> {
                 writer.write_gap(gap)?;
             }
         }
-        let finished = writer.finish(&reason.to_string())?;
-        self.report.bytes += finished.bytes;
-        self.report.frames -= finished.lost.iter().map(|gap| gap.count).sum::<u64>();
-        self.report.gaps.extend(finished.lost);
-        Ok(())
+        let bytes = writer.bytes();
+        let lost_before = writer.lost().to_vec();
+        match writer.finish(&reason.to_string()) {
+            Ok(finished) => {
+                self.report.bytes += finished.bytes;
+                self.report.frames -= finished.lost.iter().map(|gap| gap.count).sum::<u64>();
+                self.report.gaps.extend(finished.lost);
+                self.unsealed.clear();
+                Ok(())
+            }
+            Err(error) if error.is_disk_error() => {
+                tracing::error!("{error}");
+                self.report.bytes += bytes;
+                self.report.frames -= lost_before.iter().map(|gap| gap.count).sum::<u64>();
+                self.report.gaps.extend(lost_before);
+                self.give_up();
+                Ok(())
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The file could not be closed: what was not durable is lost, and only the report says so.
+    fn give_up(&mut self) {
+        self.fail(EndReason::DiskError);
+        self.report.failure = Some(EndReason::DiskError);
+        let mut lost = std::mem::take(&mut self.unsealed);
+        lost.sort_unstable();
+        self.report.frames -= lost.len() as u64;
+        for (stream, number) in lost {
+            match self.report.gaps.last_mut() {
+                Some(gap)
+                    if gap.stream == stream
+                        && gap.cause == Some(GapCause::DiskError)
+                        && gap.first_number + gap.count == number =>
+                {
+                    gap.count += 1;
+                }
+                _ => self
+                    .report
+                    .gaps
+                    .push(one_frame(stream, number, GapCause::DiskError)),
+            }
+        }
     }
 
     fn count_work(&mut self, stream: u16, nanos: u64) {

@@ -97,10 +97,7 @@ impl<'status> Recorder<'status> {
             ends,
             status,
             pixel_count,
-            color_bytes: match streams.color.encoding.lossless() {
-                Some(_) => Some(most_color_bytes),
-                None => None,
-            },
+            color_bytes: streams.color.encoding.lossless().map(|_| most_color_bytes),
             depth_encoder,
             color_encoder,
             waits,

@@ -39,7 +39,12 @@ pub struct RecordingWriter {
     pose_sets: Vec<PoseSetHead>,
     totals: BTreeMap<u16, StreamTotals>,
     lost: Vec<Gap>,
+    /// Chunks in a row that the disk refused.
+    refused_count: u32,
 }
+
+/// Chunks in a row that the disk may refuse before the recording ends.
+const MOST_REFUSED: u32 = 3;
 
 impl RecordingWriter {
     /// Begins a recording under its own name, which must be free: it can be followed, and what is sealed
@@ -101,6 +106,7 @@ impl RecordingWriter {
             pose_sets: Vec::new(),
             totals: BTreeMap::new(),
             lost: Vec::new(),
+            refused_count: 0,
         })
     }
 
@@ -324,8 +330,10 @@ impl RecordingWriter {
 
     fn note_losses(&mut self, sealing: Sealing) -> Result<(), SequenceError> {
         let Sealing::Lost(labels) = sealing else {
+            self.refused_count = 0;
             return Ok(());
         };
+        self.refused_count += 1;
         for label in &labels {
             if label.kind == RecordKind::Frame as u16 {
                 let totals = self.totals_of(label.stream);
@@ -350,7 +358,12 @@ impl RecordingWriter {
             stream: 0,
             host_nanos: 0,
             details,
-        })
+        })?;
+        if self.refused_count < MOST_REFUSED {
+            Ok(())
+        } else {
+            Err(SequenceError::NotDurable.in_file(&self.path))
+        }
     }
 }
 
