@@ -43,7 +43,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Make a recording from a folder of frames (7-Scenes, or a plain folder with a rig file).
+    /// Make a recording from a folder of frames (7-Scenes, TUM RGB-D, or a plain folder) with a rig file.
     Import(ImportArgs),
     /// Rebuild shape and specular map from a recording's training frames.
     Train(TrainArgs),
@@ -73,10 +73,12 @@ struct ImportArgs {
     /// Rig file (TOML); `rig.toml` in the folder when absent.
     #[arg(long)]
     rig: Option<PathBuf>,
-    /// Split file (JSON: train, unused, test); `split.json` in the folder when absent, else all train.
+    /// Split file (JSON: train, unused, test, numbered as for --range); `split.json` in the folder when
+    /// absent, else all train.
     #[arg(long)]
     split: Option<PathBuf>,
-    /// Frames A..B (B excluded).
+    /// Frames A..B (B excluded), by the numbers in their names; in TUM folders depth images by position,
+    /// from 0.
     #[arg(long, value_parser = parse_range)]
     range: Option<std::ops::Range<usize>>,
     /// Replace the recording if it exists.
