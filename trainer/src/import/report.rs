@@ -86,7 +86,8 @@ impl fmt::Display for ImportReport {
             self.unused_count,
             self.test_count,
         )?;
-        if self.pair_count < self.frame_count.max(self.color_count) {
+        let is_all_paired = self.pair_count == self.frame_count.max(self.color_count);
+        if self.format == ImportFormat::Tum || !is_all_paired {
             writeln!(
                 f,
                 "{} depth and {} colour images make {} pairs by time",

@@ -23,11 +23,12 @@ const IDENTITY_ROTATION: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 pub(crate) const LARGEST_QUATERNION_ERROR: f64 = 1e-2;
 
 impl RigTransform {
-    /// A transform as a rig file writes it, to the last bit.
+    /// A transform as a rig file writes it, every number to its last bit.
     pub(crate) fn of(pose: &Pose) -> Self {
+        // Inverses bring -0; it is the same number and reads badly.
         Self {
-            rotation: pose.rotation().to_array(),
-            translation: pose.translation().to_array(),
+            rotation: pose.rotation().to_array().map(|value| value + 0.0),
+            translation: pose.translation().to_array().map(|value| value + 0.0),
         }
     }
 

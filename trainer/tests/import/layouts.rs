@@ -234,6 +234,15 @@ fn the_bytes_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
+fn the_bytes_do_not_depend_on_where_the_folder_lies() {
+    let [here, there] = [Folder::tum(), Folder::tum()].map(|folder| {
+        let report = folder.import().unwrap();
+        std::fs::read(report.output).unwrap()
+    });
+    assert_eq!(here, there);
+}
+
+#[test]
 fn poses_of_a_still_camera_are_not_called_wrong() {
     let folder = Folder::plain();
     let still: String = (0..FRAME_COUNT)

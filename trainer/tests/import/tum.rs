@@ -245,10 +245,10 @@ fn broken_lists_get_a_sentence() {
         assert!(!sentence.contains('\n') && !folder.path("out.glint").exists());
     };
     refuses("depth.txt holds no depth images", &|folder| {
-        folder.write("depth.txt", b"# none\n")
+        folder.write("depth.txt", b"# none\n");
     });
     refuses("rgb.txt holds no colour images", &|folder| {
-        folder.write("rgb.txt", b"")
+        folder.write("rgb.txt", b"");
     });
     refuses("depth.txt, line 3: `soon` is no time", &|folder| {
         folder.edit("depth.txt", "1305031102.175304", "soon");
@@ -257,17 +257,17 @@ fn broken_lists_get_a_sentence() {
         folder.edit("depth.txt", "depth/0.png", "../0.png");
     });
     refuses("`/etc/passwd` is no file", &|folder| {
-        folder.edit("rgb.txt", "rgb/0.png", "/etc/passwd")
+        folder.edit("rgb.txt", "rgb/0.png", "/etc/passwd");
     });
     refuses("`` is no file", &|folder| {
-        folder.edit("rgb.txt", " rgb/0.png", "")
+        folder.edit("rgb.txt", " rgb/0.png", "");
     });
     refuses("depth/3.png", &|folder| folder.remove("depth/3.png"));
     refuses("groundtruth.txt, line 2", &|folder| {
-        folder.edit("groundtruth.txt", " 0 0 0.2 ", " 0 0.2 ")
+        folder.edit("groundtruth.txt", " 0 0 0.2 ", " 0 0.2 ");
     });
     refuses("depth.registered", &|folder| {
-        folder.edit("rig.toml", "fy = 110.0", "fy = 111.0")
+        folder.edit("rig.toml", "fy = 110.0", "fy = 111.0");
     });
     refuses("depth.registered", &|folder| {
         folder.edit(
