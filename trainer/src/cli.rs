@@ -1,6 +1,7 @@
 //! The command line: one definition of every flag, and exit codes.
 //!
-//! 0 success · 2 the user's input cannot be used, with one sentence · 101 a bug.
+//! 0 success · 2 the user's input cannot be used, with one sentence · 3 done, but part of the input is lost,
+//! with a list · 101 a bug.
 
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
@@ -12,7 +13,7 @@ use serde_json::json;
 
 use crate::clock::Stopwatch;
 use crate::eval::{self, Metrics};
-use crate::export::{ExportTarget, export};
+use crate::export::{ExportOptions, ExportTarget, LostData, export};
 use crate::import::{ImportFormat, ImportOptions, import};
 use crate::progress::Progress;
 use crate::render::{ViewPath, render};
@@ -43,7 +44,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Make a recording from a folder of frames (7-Scenes, or a plain folder with a rig file).
+    /// Make a recording from a folder of frames (7-Scenes, TUM RGB-D, or a plain folder) with a rig file.
     Import(ImportArgs),
     /// Rebuild shape and specular map from a recording's training frames.
     Train(TrainArgs),
@@ -53,7 +54,7 @@ enum Command {
     Report(ReportArgs),
     /// Draw the object from a path of views.
     Render(RenderArgs),
-    /// Write a trajectory, mesh or map for other programs.
+    /// Write frames, trajectory, mesh or map for other programs.
     Export(ExportArgs),
 }
 
@@ -73,10 +74,12 @@ struct ImportArgs {
     /// Rig file (TOML); `rig.toml` in the folder when absent.
     #[arg(long)]
     rig: Option<PathBuf>,
-    /// Split file (JSON: train, unused, test); `split.json` in the folder when absent, else all train.
+    /// Split file (JSON: train, unused, test, numbered as for --range); `split.json` in the folder when
+    /// absent, else all train.
     #[arg(long)]
     split: Option<PathBuf>,
-    /// Frames A..B (B excluded).
+    /// Frames A..B (B excluded), by the numbers in their names; in TUM folders depth images by position,
+    /// from 0.
     #[arg(long, value_parser = parse_range)]
     range: Option<std::ops::Range<usize>>,
     /// Replace the recording if it exists.
@@ -171,17 +174,20 @@ struct RenderArgs {
     after_help = "Example:\n  glint export recordings/two-cans.glint --to tum-trajectory -o poses.txt"
 )]
 struct ExportArgs {
-    /// A recording (trajectory) or a run folder (mesh, map).
+    /// A recording (frames, trajectory, points) or a run folder (mesh, map).
     input: PathBuf,
     /// What to write.
     #[arg(long, value_enum)]
     to: ExportTarget,
-    /// File to write.
+    /// File or new folder to write.
     #[arg(short, long)]
     output: PathBuf,
-    /// Pose set for a trajectory.
-    #[arg(long, default_value = "source")]
-    poses: String,
+    /// Pose set that is written: source, live, refined; when absent `source`, if there is one.
+    #[arg(long)]
+    poses: Option<String>,
+    /// Pair that becomes points with --to ply; the middle one when absent.
+    #[arg(long)]
+    frame: Option<usize>,
 }
 
 fn parse_range(text: &str) -> Result<std::ops::Range<usize>, String> {
@@ -248,6 +254,11 @@ pub fn run() -> ExitCode {
     match execute(&cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
+            if let Some(lost) = error.downcast_ref::<LostData>() {
+                // After the summary, which has the list too: it is the last event.
+                eprintln!("glint: {lost}:\n  {}", lost.missing.join("\n  "));
+                return ExitCode::from(3);
+            }
             if cli.json {
                 println!(
                     "{}",
@@ -274,10 +285,14 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Eval(args) => run_eval(args, &progress),
         Command::Report(args) => run_report(args),
         Command::Render(args) => run_render(args, &progress),
-        Command::Export(args) => run_export(args),
+        Command::Export(args) => run_export(args, &progress),
     });
     progress.finish();
-    let Summary { text, json: value } = summary?;
+    let Summary {
+        text,
+        json: value,
+        missing,
+    } = summary?;
     if cli.json {
         let mut event = json!({"event": "summary"});
         if let (Some(event), Some(value)) = (event.as_object_mut(), value.as_object()) {
@@ -287,12 +302,29 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
     } else {
         println!("{text}");
     }
-    Ok(())
+    if missing.is_empty() {
+        Ok(())
+    } else {
+        Err(LostData { missing }.into())
+    }
 }
 
+/// What a command did.
 struct Summary {
     text: String,
     json: serde_json::Value,
+    /// What was lost of its input, a line each.
+    missing: Vec<String>,
+}
+
+impl Summary {
+    fn whole(text: String, json: serde_json::Value) -> Self {
+        Self {
+            text,
+            json,
+            missing: Vec::new(),
+        }
+    }
 }
 
 fn run_import(args: &ImportArgs, progress: &Progress) -> anyhow::Result<Summary> {
@@ -312,10 +344,8 @@ fn run_import(args: &ImportArgs, progress: &Progress) -> anyhow::Result<Summary>
     };
     progress.stage("import");
     let report = import(&options, &mut |done, of| progress.step(done, of))?;
-    Ok(Summary {
-        text: report.to_string(),
-        json: serde_json::to_value(&report)?,
-    })
+    let json = serde_json::to_value(&report)?;
+    Ok(Summary::whole(report.to_string(), json))
 }
 
 fn run_train(args: &TrainArgs, threads: usize, progress: &Progress) -> anyhow::Result<Summary> {
@@ -346,10 +376,7 @@ fn run_train(args: &TrainArgs, threads: usize, progress: &Progress) -> anyhow::R
         summary.cost.core_s,
         args.output.display(),
     );
-    Ok(Summary {
-        text,
-        json: serde_json::to_value(&summary)?,
-    })
+    Ok(Summary::whole(text, serde_json::to_value(&summary)?))
 }
 
 fn run_eval(args: &EvalArgs, progress: &Progress) -> anyhow::Result<Summary> {
@@ -394,10 +421,10 @@ fn run_eval(args: &EvalArgs, progress: &Progress) -> anyhow::Result<Summary> {
     }
     metrics.cost = watch.cost();
     folder.write_json("metrics.json", &metrics)?;
-    Ok(Summary {
-        text: report::metrics_text(&metrics),
-        json: report::metrics_summary(&metrics),
-    })
+    Ok(Summary::whole(
+        report::metrics_text(&metrics),
+        report::metrics_summary(&metrics),
+    ))
 }
 
 fn run_report(args: &ReportArgs) -> anyhow::Result<Summary> {
@@ -408,26 +435,35 @@ fn run_report(args: &ReportArgs) -> anyhow::Result<Summary> {
         .unwrap_or_else(|| folder.path("report.html"));
     let bytes = report::write(&folder, &output)?;
     let text = format!("{} ({bytes} bytes)", output.display());
-    Ok(Summary {
+    Ok(Summary::whole(
         text,
-        json: json!({"report": output, "bytes": bytes}),
-    })
+        json!({"report": output, "bytes": bytes}),
+    ))
 }
 
 fn run_render(args: &RenderArgs, progress: &Progress) -> anyhow::Result<Summary> {
     let folder = RunFolder::open(&args.run)?;
     let count = render(&folder, &args.path, &args.output, progress)?;
     let text = format!("{count} pictures in {}", args.output.display());
-    Ok(Summary {
+    Ok(Summary::whole(
         text,
-        json: json!({"pictures": count, "output": args.output}),
-    })
+        json!({"pictures": count, "output": args.output}),
+    ))
 }
 
-fn run_export(args: &ExportArgs) -> anyhow::Result<Summary> {
-    let text = export(&args.input, args.to, &args.output, &args.poses)?;
+fn run_export(args: &ExportArgs, progress: &Progress) -> anyhow::Result<Summary> {
+    let options = ExportOptions {
+        input: args.input.clone(),
+        target: args.to,
+        output: args.output.clone(),
+        poses: args.poses.clone(),
+        frame: args.frame,
+    };
+    progress.stage("export");
+    let report = export(&options, &mut |done, of| progress.step(done, of))?;
     Ok(Summary {
-        json: json!({"output": args.output, "wrote": text}),
-        text,
+        json: json!({"output": args.output, "wrote": report.text, "missing": report.missing}),
+        text: report.text,
+        missing: report.missing,
     })
 }

@@ -140,7 +140,7 @@ fn a_mistake_gets_one_sentence_and_code_2() {
         (&["eval", &at("nowhere")], "no finished run"),
         (&["report", &at("nowhere")], "no finished run"),
         (
-            &["export", recording, "--to", "ply", "-o", &at("mesh.ply")],
+            &["export", recording, "--to", "exr", "-o", &at("map.exr")],
             "run folder",
         ),
     ];

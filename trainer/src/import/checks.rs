@@ -111,10 +111,10 @@ pub(crate) fn median_code(histogram: &[u64]) -> Option<f64> {
 }
 
 /// Compares both readings of the poses on pairs of frames; `None` when there are too few frames or samples
-/// to tell. Refuses poses that fit clearly better inverted.
+/// to tell. Frames without a pose are left out. Refuses poses that fit clearly better inverted.
 pub(crate) fn check_pose_direction(
     paths: &[PathBuf],
-    world_from_depth: &[Pose],
+    world_from_depth: &[Option<Pose>],
     camera: &DepthCamera,
     poses_path: &Path,
     depth_codes: &(dyn Fn(&Path) -> Result<Image<u16>, ImportError> + Sync),
@@ -124,13 +124,16 @@ pub(crate) fn check_pose_direction(
         .into_iter()
         .filter(|&gap| gap < frame_count)
         .flat_map(|gap| spread(frame_count - gap, PAIRS_PER_GAP).map(move |i| (i, i + gap)))
+        .filter(|&(i, j)| world_from_depth[i].is_some() && world_from_depth[j].is_some())
         .collect();
     let counts = pairs
         .par_iter()
         .map(|&(i, j)| {
+            let (Some(a), Some(b)) = (world_from_depth[i], world_from_depth[j]) else {
+                return Ok([Agreement::default(); 2]);
+            };
             let depth_i = metres(&depth_codes(&paths[i])?, camera);
             let depth_j = metres(&depth_codes(&paths[j])?, camera);
-            let (a, b) = (world_from_depth[i], world_from_depth[j]);
             Ok([
                 agreement(&depth_i, &depth_j, camera, &(b.inverse() * a)),
                 agreement(&depth_i, &depth_j, camera, &(b * a.inverse())),

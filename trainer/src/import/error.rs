@@ -29,7 +29,7 @@ pub enum ImportError {
     },
     /// A folder of no known layout.
     #[error(
-        "{} looks like neither layout: 7-Scenes has frame-000000.color.jpg (or .png), .depth.png and .pose.txt, a plain folder has frames/ and poses.txt; name one with --format to see what is missing",
+        "{} looks like no layout that is known: 7-Scenes has frame-000000.color.jpg (or .png), .depth.png and .pose.txt, TUM has rgb.txt and depth.txt, a plain folder has frames/ and poses.txt; name one with --format to see what is missing",
         path.display()
     )]
     UnknownLayout {
@@ -70,6 +70,15 @@ pub enum ImportError {
         path.display()
     )]
     RigExtrinsic {
+        /// The rig file.
+        path: PathBuf,
+    },
+    /// Depth that is said to lie on the colour camera's pixels, by cameras that differ.
+    #[error(
+        "{}: depth.registered says that depth pixels are colour pixels, so both cameras must have the same size, intrinsics and distortion, and depth_from_color = \"identity\"",
+        path.display()
+    )]
+    RigRegistered {
         /// The rig file.
         path: PathBuf,
     },

@@ -1,45 +1,48 @@
 //! `glint import`: a recording from a folder of frames.
 //!
-//! [`rig`] cameras from TOML (`judge` their numbers, `transform` between them) · `source` frames by number ·
-//! `folder` and `seven_scenes` the two layouts · `split` who may see what · [`checks`] plausibility, before
-//! anything is written · [`report`] what was done · [`error`] what is refused.
+//! [`rig`] cameras from TOML (`judge` their numbers, `transform` between them; `rig_writing` the other way) ·
+//! `source` two streams of images with their times, and poses · `folder`, `seven_scenes` and `tum` the
+//! layouts (`trajectory` lines of text with times) · `split` who may see what · [`checks`] plausibility,
+//! before anything is written · `copy` images into the recording · [`report`] what was done · [`error`] what
+//! is refused.
 //!
-//! Every pixel is kept: depth and PNG colour are coded anew without loss, JPEG keeps its bytes (and is decoded
+//! Every pixel and every time is kept: depth and PNG colour are coded anew without loss, JPEG keeps its bytes (and is decoded
 //! once, so that what is written can be read). Masks and truth beside the frames are not looked at.
 
 pub mod checks;
+mod copy;
 pub mod error;
 mod folder;
 mod judge;
 pub mod report;
 pub mod rig;
+mod rig_writing;
 mod seven_scenes;
 mod source;
 mod split;
+mod trajectory;
 mod transform;
+mod tum;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use geometry::Pose;
-use imaging::{Image, decode_jpeg, decode_png_gray16, decode_png_rgb8, metres_from_raw};
-use rayon::prelude::*;
-use sequence::codecs::DepthCodec;
-use sequence::encode::{ColorStreamEncoder, DepthStreamEncoder};
 use sequence::{
-    COLOR_STREAM, ColorEncoding, Created, DEPTH_STREAM, Description, FileId, FramePose, FrameTimes,
-    RecordingWriter, StreamTiming, Streams,
+    COLOR_STREAM, ColorEncoding, Created, DEPTH_STREAM, Description, FileId, FramePose, Recording,
+    RecordingWriter, SequenceError, Split, StreamTiming, Streams,
 };
 use serde::Serialize;
 
 pub use error::ImportError;
 pub use report::{DepthReport, ImportReport};
 
-use checks::{check_depth_unit, check_pose_direction, median_code};
+use checks::{check_depth_unit, check_pose_direction};
+use copy::{copy_images, depth_codes};
 use error::read_file;
 use rig::{PoseCamera, Rig};
-use source::{Source, SourceFrame};
+use source::Source;
 
 /// Name of the pose set that an import makes.
 pub const POSE_SET: &str = "source";
@@ -51,6 +54,10 @@ pub enum ImportFormat {
     #[value(name = "7scenes")]
     #[serde(rename = "7scenes")]
     SevenScenes,
+    /// `rgb.txt`, `depth.txt` and, where there are poses, `groundtruth.txt`.
+    #[value(name = "tum")]
+    #[serde(rename = "tum")]
+    Tum,
     /// `frames/NNNNNN.color.jpg` (or .png), `frames/NNNNNN.depth.png`, `poses.txt`.
     #[value(name = "folder")]
     #[serde(rename = "folder")]
@@ -70,12 +77,9 @@ pub struct ImportOptions {
     pub rig: Option<PathBuf>,
     /// Split file; `split.json` in the folder when absent, else all train.
     pub split: Option<PathBuf>,
-    /// Frames by the numbers in their names; all when absent.
+    /// Frames by the numbers in their names, in TUM by the position of the depth image; all when absent.
     pub range: Option<Range<usize>>,
 }
-
-/// Frames that are read and decoded at a time, by all threads together.
-const BATCH: usize = 16;
 
 /// Imports a folder; `progress(done, of)` is called as frames are written. Nothing is left under the name
 /// of the recording unless all went well.
@@ -105,6 +109,7 @@ pub fn import(
             streams.color_timing = streams.depth_timing;
             seven_scenes::read(&options.input, range, rate_hz)?
         }
+        ImportFormat::Tum => tum::read(&options.input, range, rig.pose_stamps)?,
     };
     require_encoding(&source, streams.color.encoding)?;
     let split_path = options.split.clone().or_else(|| {
@@ -115,35 +120,24 @@ pub fn import(
     let poses = world_from_depth(&source, rig.poses, &streams.color_from_depth);
     let pose_fit = check_samples(&source, &poses, &streams)?;
 
-    let description = Description {
-        writer: concat!("glint ", env!("CARGO_PKG_VERSION")).to_owned(),
-        // Nothing was filmed now: an import is the same file at any time of day.
-        created: Created::default(),
-        part: None,
-        streams: streams.clone(),
-        depth_id: DEPTH_STREAM,
-        color_id: COLOR_STREAM,
+    let mut writer = begin(options, &source, &streams, &split)?;
+    let posed = (0..)
+        .zip(&poses)
+        .filter_map(|(number, pose)| Some(FramePose::ok(number, (*pose)?)));
+    let frame_poses: Vec<FramePose> = posed.collect();
+    let set = if frame_poses.is_empty() {
+        None
+    } else {
+        Some(writer.begin_poses(POSE_SET, WRITER, DEPTH_STREAM)?)
     };
-    let poses: Vec<FramePose> = (0..)
-        .zip(poses)
-        .map(|(number, pose)| FramePose::ok(number, pose))
-        .collect();
-    // Not random: the same folder makes the same file.
-    let file_id = FileId::of_content(&[
-        &description.to_json()?,
-        format!("{split:?} {poses:?} {:?}", source.frames).as_bytes(),
-    ]);
-    let mut writer = RecordingWriter::create_beside(&options.output, file_id, &description)?;
-    let set = writer.begin_poses(POSE_SET, &description.writer, DEPTH_STREAM)?;
     writer.write_split(&split)?;
-    let copied = copy_frames(&source, &streams, &mut writer, progress)?;
-    let times = [source.frames.first(), source.frames.last()]
-        .map(|frame| frame.map_or(0, |frame| frame.time_nanos));
-    writer.write_poses(set, &poses)?;
+    let copied = copy_images(&source, &streams, &mut writer, progress)?;
+    if let Some(set) = set {
+        writer.write_poses(set, &frame_poses)?;
+    }
     let finished = writer.finish("complete")?;
     require_nothing_lost(&options.output, &finished.lost)?;
-    let bytes = finished.bytes;
-    let mut notes = source.notes;
+    let mut notes = source.notes.clone();
     notes.extend(split_notes);
     notes.extend(rig.notes());
     if pose_fit.is_some_and(|fit| fit.given_fraction < 0.5) {
@@ -154,20 +148,79 @@ pub fn import(
     }
     Ok(ImportReport {
         output: options.output.clone(),
-        bytes,
+        bytes: finished.bytes,
         format,
-        frame_count: source.frames.len(),
+        frame_count: source.depth.len(),
+        color_count: source.color.len(),
+        // Pairing is the reader's: asked, not guessed.
+        pair_count: Recording::open(&options.output)?.frame_count(),
+        pose_count: frame_poses.len(),
         train_count: split.train.len(),
         unused_count: split.unused.len(),
         test_count: split.test.len(),
-        duration_s: (i128::from(times[1]) - i128::from(times[0])) as f64 / 1e9,
+        duration_s: duration_s(&source),
         depth: copied.depth_report(streams.depth.depth_scale),
-        repeated_depth_count: copied.repeated_depth_count,
-        repeated_color_count: copied.repeated_color_count,
+        repeated_depth_count: copied.repeated_depth.len(),
+        repeated_color_count: copied.repeated_color.len(),
+        repeated_depth_frames: copied.repeated_depth,
+        repeated_color_frames: copied.repeated_color,
         worst_rotation_error: source.worst_rotation_error,
         pose_fit,
         notes,
     })
+}
+
+/// What the recording says made it.
+const WRITER: &str = concat!("glint ", env!("CARGO_PKG_VERSION"));
+
+fn begin(
+    options: &ImportOptions,
+    source: &Source,
+    streams: &Streams,
+    split: &Split,
+) -> Result<RecordingWriter, SequenceError> {
+    let description = Description {
+        writer: WRITER.to_owned(),
+        // Nothing was filmed now: an import is the same file at any time of day.
+        created: Created::default(),
+        part: None,
+        streams: streams.clone(),
+        depth_id: DEPTH_STREAM,
+        color_id: COLOR_STREAM,
+    };
+    // Not random: the same folder makes the same file, wherever it lies.
+    let images: Vec<_> = [&source.depth, &source.color]
+        .into_iter()
+        .flatten()
+        .map(|image| {
+            let bytes = std::fs::metadata(&image.path).map_or(0, |metadata| metadata.len());
+            let name = image.path.strip_prefix(&options.input);
+            (
+                image.number,
+                image.time_nanos,
+                bytes,
+                name.ok().map(Path::to_path_buf),
+            )
+        })
+        .collect();
+    let file_id = FileId::of_content(&[
+        &description.to_json()?,
+        format!("{split:?} {:?} {images:?}", source.world_from_camera).as_bytes(),
+    ]);
+    RecordingWriter::create_beside(&options.output, file_id, &description)
+}
+
+/// From the first image of either stream to the last, seconds.
+fn duration_s(source: &Source) -> f64 {
+    let nanos = || {
+        source
+            .depth
+            .iter()
+            .chain(&source.color)
+            .map(|image| i128::from(image.time_nanos))
+    };
+    let (first, last) = (nanos().min().unwrap_or(0), nanos().max().unwrap_or(0));
+    (last - first) as f64 / 1e9
 }
 
 fn recognise(folder: &Path) -> Result<ImportFormat, ImportError> {
@@ -180,6 +233,9 @@ fn recognise(folder: &Path) -> Result<ImportFormat, ImportError> {
     if folder.join("frames").is_dir() && folder.join("poses.txt").exists() {
         return Ok(ImportFormat::Folder);
     }
+    if folder.join(tum::COLOR_LIST).exists() && folder.join(tum::DEPTH_LIST).exists() {
+        return Ok(ImportFormat::Tum);
+    }
     if source::has_numbered_file(folder, seven_scenes::PREFIX, seven_scenes::POSE_SUFFIX) {
         return Ok(ImportFormat::SevenScenes);
     }
@@ -190,14 +246,14 @@ fn recognise(folder: &Path) -> Result<ImportFormat, ImportError> {
 
 /// All colour images must be what the rig file says; the names tell.
 fn require_encoding(source: &Source, encoding: ColorEncoding) -> Result<(), ImportError> {
-    for frame in &source.frames {
-        let is_png = frame
-            .color
+    for image in &source.color {
+        let is_png = image
+            .path
             .extension()
             .is_some_and(|extension| extension == "png");
         if is_png != (encoding == ColorEncoding::Rgb8) {
             return Err(ImportError::MixedColor {
-                path: frame.color.clone(),
+                path: image.path.clone(),
                 expected: if is_png { "jpeg" } else { "png" },
             });
         }
@@ -216,169 +272,30 @@ fn require_nothing_lost(path: &Path, lost: &[sequence::Gap]) -> anyhow::Result<(
     Ok(())
 }
 
-fn world_from_depth(source: &Source, camera: PoseCamera, color_from_depth: &Pose) -> Vec<Pose> {
-    source
-        .frames
-        .iter()
-        .map(|frame| match camera {
-            PoseCamera::Depth => frame.world_from_camera,
-            PoseCamera::Color => frame.world_from_camera * *color_from_depth,
-        })
-        .collect()
+fn world_from_depth(
+    source: &Source,
+    camera: PoseCamera,
+    color_from_depth: &Pose,
+) -> Vec<Option<Pose>> {
+    let of_depth = |world_from_camera: Pose| match camera {
+        PoseCamera::Depth => world_from_camera,
+        PoseCamera::Color => world_from_camera * *color_from_depth,
+    };
+    let poses = source.world_from_camera.iter();
+    poses.map(|pose| pose.map(of_depth)).collect()
 }
 
 fn check_samples(
     source: &Source,
-    poses: &[Pose],
+    poses: &[Option<Pose>],
     streams: &Streams,
 ) -> Result<Option<checks::PoseFit>, ImportError> {
     let paths: Vec<PathBuf> = source
-        .frames
+        .depth
         .iter()
-        .map(|frame| frame.depth.clone())
+        .map(|image| image.path.clone())
         .collect();
     let codes = |path: &Path| depth_codes(path, &read_file(path)?, streams);
     check_depth_unit(&paths, &streams.depth, &codes)?;
     check_pose_direction(&paths, poses, &streams.depth, &source.poses_path, &codes)
-}
-
-/// Decodes a depth image and refuses another size than the camera's.
-fn depth_codes(path: &Path, bytes: &[u8], streams: &Streams) -> Result<Image<u16>, ImportError> {
-    let codes = decode_png_gray16(bytes).map_err(|source| ImportError::Image {
-        path: path.to_path_buf(),
-        source,
-    })?;
-    require_size(path, "depth", &codes, &streams.depth.intrinsics)?;
-    Ok(codes)
-}
-
-fn require_size<T>(
-    path: &Path,
-    stream: &'static str,
-    image: &Image<T>,
-    camera: &geometry::Intrinsics,
-) -> Result<(), ImportError> {
-    if (image.width(), image.height()) == (camera.width(), camera.height()) {
-        return Ok(());
-    }
-    Err(ImportError::ImageSize {
-        path: path.to_path_buf(),
-        stream,
-        width: image.width(),
-        height: image.height(),
-        camera_width: camera.width(),
-        camera_height: camera.height(),
-    })
-}
-
-/// A frame that was read and decoded.
-struct LoadedFrame {
-    codes: Image<u16>,
-    /// What the colour encoder takes: the file itself for JPEG, the samples for PNG.
-    color: Vec<u8>,
-}
-
-fn load(frame: &SourceFrame, streams: &Streams) -> Result<LoadedFrame, ImportError> {
-    let codes = depth_codes(&frame.depth, &read_file(&frame.depth)?, streams)?;
-    let file = read_file(&frame.color)?;
-    let decoded = match streams.color.encoding {
-        ColorEncoding::Jpeg => decode_jpeg(&file),
-        _ => decode_png_rgb8(&file),
-    };
-    let decoded = decoded.map_err(|source| ImportError::Image {
-        path: frame.color.clone(),
-        source,
-    })?;
-    require_size(&frame.color, "color", &decoded, &streams.color.intrinsics)?;
-    let color = match streams.color.encoding {
-        ColorEncoding::Jpeg => file,
-        _ => decoded.pixels().as_flattened().to_vec(),
-    };
-    Ok(LoadedFrame { codes, color })
-}
-
-/// What was counted while frames were copied.
-struct Copied {
-    depth: DepthReport,
-    histogram: Vec<u64>,
-    repeated_depth_count: usize,
-    repeated_color_count: usize,
-}
-
-impl Copied {
-    fn depth_report(&self, scale: f64) -> DepthReport {
-        DepthReport {
-            median_m: median_code(&self.histogram).map_or(0.0, |code| code * scale),
-            ..self.depth
-        }
-    }
-
-    fn count(&mut self, codes: &Image<u16>, streams: &Streams) {
-        let camera = &streams.depth;
-        for code in codes.pixels() {
-            self.histogram[usize::from(*code)] += 1;
-        }
-        let (_, counts) = metres_from_raw(codes, camera.depth_scale, camera.depth_range.clone());
-        self.depth.measured_count += counts.measured_count;
-        self.depth.out_of_range_count += counts.out_of_range_count;
-        self.depth.code_0_count = self.histogram[0];
-        self.depth.code_65535_count = self.histogram[usize::from(u16::MAX)];
-    }
-}
-
-fn copy_frames(
-    source: &Source,
-    streams: &Streams,
-    writer: &mut RecordingWriter,
-    progress: &mut dyn FnMut(usize, usize),
-) -> anyhow::Result<Copied> {
-    let mut copied = Copied {
-        depth: DepthReport::default(),
-        histogram: vec![0; 1 << 16],
-        repeated_depth_count: 0,
-        repeated_color_count: 0,
-    };
-    let mut depth_encoder = DepthStreamEncoder::new(streams, DepthCodec::Dense)?;
-    let mut color_encoder = ColorStreamEncoder::new(streams)?;
-    let mut previous: Option<LoadedFrame> = None;
-    let mut number = 0;
-    for batch in source.frames.chunks(BATCH) {
-        crate::interrupt::check()?;
-        let loaded: Vec<Result<LoadedFrame, ImportError>> =
-            batch.par_iter().map(|frame| load(frame, streams)).collect();
-        for (frame, loaded) in batch.iter().zip(loaded) {
-            // In order: the first bad frame is the one reported, whatever thread met another.
-            let loaded = loaded?;
-            let repeats = |is_same: fn(&LoadedFrame, &LoadedFrame) -> bool| {
-                previous
-                    .as_ref()
-                    .is_some_and(|previous| is_same(previous, &loaded))
-            };
-            let depth_times = FrameTimes {
-                number,
-                device_nanos: frame.time_nanos,
-                is_repeat: repeats(|a, b| a.codes == b.codes),
-                ..FrameTimes::default()
-            };
-            let color_times = FrameTimes {
-                is_repeat: repeats(|a, b| a.color == b.color),
-                ..depth_times
-            };
-            let (payload, table) = depth_encoder.encode(loaded.codes.pixels())?;
-            if let Some(table) = table {
-                writer.write_table(DEPTH_STREAM, table)?;
-            }
-            writer.write_frame(DEPTH_STREAM, &depth_times, payload)?;
-            let payload = color_encoder.encode(&loaded.color)?;
-            writer.write_frame(COLOR_STREAM, &color_times, payload)?;
-            writer.seal_if_due(frame.time_nanos)?;
-            copied.count(&loaded.codes, streams);
-            copied.repeated_depth_count += usize::from(depth_times.is_repeat);
-            copied.repeated_color_count += usize::from(color_times.is_repeat);
-            previous = Some(loaded);
-            number += 1;
-            progress(number as usize, source.frames.len());
-        }
-    }
-    Ok(copied)
 }

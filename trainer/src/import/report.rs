@@ -17,8 +17,14 @@ pub struct ImportReport {
     pub bytes: u64,
     /// Layout of the folder.
     pub format: ImportFormat,
-    /// Frames imported.
+    /// Depth images imported.
     pub frame_count: usize,
+    /// Colour images imported.
+    pub color_count: usize,
+    /// Pairs of depth and colour, by time, each image in one at most.
+    pub pair_count: usize,
+    /// Depth images with a pose.
+    pub pose_count: usize,
     /// Training frames.
     pub train_count: usize,
     /// Frames of neither part.
@@ -29,10 +35,14 @@ pub struct ImportReport {
     pub duration_s: f64,
     /// What the depth images hold.
     pub depth: DepthReport,
-    /// Depth images that repeat the one before byte for byte.
+    /// Depth images that repeat the one before sample by sample.
     pub repeated_depth_count: usize,
     /// Colour images that repeat the one before byte for byte.
     pub repeated_color_count: usize,
+    /// Their numbers in the folder.
+    pub repeated_depth_frames: Vec<u32>,
+    /// Their numbers in the folder.
+    pub repeated_color_frames: Vec<u32>,
     /// How far the worst rotation was from one before it was made one (largest entry of RᵀR − I, or distance
     /// of a quaternion's length from 1).
     pub worst_rotation_error: f64,
@@ -76,6 +86,14 @@ impl fmt::Display for ImportReport {
             self.unused_count,
             self.test_count,
         )?;
+        let is_all_paired = self.pair_count == self.frame_count.max(self.color_count);
+        if self.format == ImportFormat::Tum || !is_all_paired {
+            writeln!(
+                f,
+                "{} depth and {} colour images make {} pairs by time",
+                self.frame_count, self.color_count, self.pair_count,
+            )?;
+        }
         writeln!(
             f,
             "depth: {:.1} % measured, median {:.3} m; no measurement: {:.1} % code 0, {} samples code 65535; {} samples out of range",
@@ -85,11 +103,15 @@ impl fmt::Display for ImportReport {
             depth.code_65535_count,
             depth.out_of_range_count,
         )?;
-        write!(
-            f,
-            "poses: rotations made exact, the worst was off by {:.1e}",
-            self.worst_rotation_error
-        )?;
+        if self.pose_count == 0 {
+            write!(f, "poses: none")?;
+        } else {
+            write!(
+                f,
+                "poses: {} of {} frames, rotations made exact, the worst was off by {:.1e}",
+                self.pose_count, self.frame_count, self.worst_rotation_error
+            )?;
+        }
         match self.pose_fit {
             Some(fit) => write!(
                 f,
@@ -98,18 +120,41 @@ impl fmt::Display for ImportReport {
                 fit.pair_count,
                 100.0 * fit.inverse_fraction,
             )?,
+            None if self.pose_count == 0 => {}
             None => write!(f, "; too little overlap to check their direction")?,
         }
-        if self.repeated_depth_count + self.repeated_color_count > 0 {
-            write!(
-                f,
-                "\nrepeated frames: {} depth, {} colour images equal the one before",
-                self.repeated_depth_count, self.repeated_color_count
-            )?;
-        }
+        write!(
+            f,
+            "\nrepeated frames: {}; {}",
+            repeats("depth", &self.repeated_depth_frames),
+            repeats("colour", &self.repeated_color_frames),
+        )?;
         for note in &self.notes {
             write!(f, "\nnote: {note}")?;
         }
         Ok(())
     }
+}
+
+/// Frame numbers that a line of text lists.
+const MOST_LISTED: usize = 8;
+
+/// "17 depth (222, 305, …)".
+fn repeats(stream: &str, frames: &[u32]) -> String {
+    let mut text = format!("{} {stream}", frames.len());
+    if frames.is_empty() {
+        return text;
+    }
+    let listed: Vec<String> = frames
+        .iter()
+        .take(MOST_LISTED)
+        .map(u32::to_string)
+        .collect();
+    let more = if frames.len() > MOST_LISTED {
+        ", …"
+    } else {
+        ""
+    };
+    text.push_str(&format!(" ({}{more})", listed.join(", ")));
+    text
 }

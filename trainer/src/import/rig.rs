@@ -6,14 +6,14 @@ use geometry::Pose;
 use sequence::{
     ColorCamera, ColorEncoding, DepthCamera, ResponseCurve, StreamTiming, Streams, VignettingCurve,
 };
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::error::{ImportError, read_text};
 use super::judge::{Judge, RawCamera};
 use super::transform::RigTransform;
 
 /// A rig file as it is written. Pixel (0, 0) is the centre of the first pixel; metres, seconds.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rig {
     /// Frames a second; used where the folder has no times.
@@ -24,6 +24,9 @@ pub struct Rig {
     /// The camera that the poses belong to.
     #[serde(default)]
     pub poses: PoseCamera,
+    /// What the times of the poses are, where the poses have times of their own (TUM).
+    #[serde(default)]
+    pub pose_stamps: PoseStamps,
     /// The colour camera.
     pub color: ColorRig,
     /// The depth camera.
@@ -31,7 +34,7 @@ pub struct Rig {
 }
 
 /// How the shutters are tied.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ShutterSync {
     /// At the same instant.
@@ -44,7 +47,7 @@ pub enum ShutterSync {
 }
 
 /// A camera of the rig.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PoseCamera {
     /// The depth camera.
@@ -54,32 +57,43 @@ pub enum PoseCamera {
     Color,
 }
 
+/// What the times in a list of poses are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PoseStamps {
+    /// Those of the device that measured the poses: a frame gets a pose between two of them.
+    #[default]
+    Own,
+    /// Those of the frames that the poses belong to: a frame without its stamp has no pose.
+    Frames,
+}
+
 /// The colour camera.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ColorRig {
-    width: u32,
-    height: u32,
-    format: ColorFileFormat,
-    fx: f64,
-    fy: f64,
-    cx: f64,
-    cy: f64,
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) format: ColorFileFormat,
+    pub(super) fx: f64,
+    pub(super) fy: f64,
+    pub(super) cx: f64,
+    pub(super) cy: f64,
     /// Empty, or k1, k2, p1, p2, k3 of Brown and Conrady.
     #[serde(default)]
-    distortion: Vec<f64>,
+    pub(super) distortion: Vec<f64>,
     /// The code of linear 1.0; only 255.
-    white_level: Option<f64>,
-    response: Option<ResponseCurve>,
-    vignetting: Option<VignettingCurve>,
-    exposure: Option<ExposureRig>,
-    noise: Option<NoiseRig>,
+    pub(super) white_level: Option<f64>,
+    pub(super) response: Option<ResponseCurve>,
+    pub(super) vignetting: Option<VignettingCurve>,
+    pub(super) exposure: Option<ExposureRig>,
+    pub(super) noise: Option<NoiseRig>,
 }
 
 /// What the colour images are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum ColorFileFormat {
+pub(super) enum ColorFileFormat {
     /// JPEG.
     Jpeg,
     /// PNG of 8 bits a channel.
@@ -96,53 +110,55 @@ impl ColorFileFormat {
     }
 }
 
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct ExposureRig {
-    fixed: bool,
-    relative: f64,
+pub(super) struct ExposureRig {
+    pub(super) fixed: bool,
+    pub(super) relative: f64,
 }
 
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct NoiseRig {
+pub(super) struct NoiseRig {
     full_well: f64,
     read: f64,
 }
 
 /// The depth camera.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthRig {
-    width: u32,
-    height: u32,
-    #[expect(dead_code, reason = "its one value is checked by being parsed")]
-    format: DepthFormat,
-    /// Metres a unit.
-    scale: f64,
-    /// Nearest and farthest depth, metres.
-    range: Option<[f32; 2]>,
-    fx: f64,
-    fy: f64,
-    cx: f64,
-    cy: f64,
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) format: DepthFormat,
+    /// Depth pixels are colour pixels: whoever made the images has registered them.
     #[serde(default)]
-    distortion: Vec<f64>,
-    color_from_depth: Option<RigTransform>,
-    depth_from_color: Option<RigTransform>,
-    sensor: Option<DepthSensorRig>,
+    pub(super) registered: bool,
+    /// Metres a unit.
+    pub(super) scale: f64,
+    /// Nearest and farthest depth, metres.
+    pub(super) range: Option<[f32; 2]>,
+    pub(super) fx: f64,
+    pub(super) fy: f64,
+    pub(super) cx: f64,
+    pub(super) cy: f64,
+    #[serde(default)]
+    pub(super) distortion: Vec<f64>,
+    pub(super) color_from_depth: Option<RigTransform>,
+    pub(super) depth_from_color: Option<RigTransform>,
+    pub(super) sensor: Option<DepthSensorRig>,
 }
 
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum DepthFormat {
+pub(super) enum DepthFormat {
     Png16,
 }
 
 /// How the measurement was made.
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct DepthSensorRig {
+pub(super) struct DepthSensorRig {
     disparity_focal: Option<f64>,
     baseline: Option<f64>,
     disparity_step: Option<f64>,
@@ -181,13 +197,17 @@ impl Rig {
         };
         let (color, depth) = (&self.color, &self.depth);
         let [near, far] = depth.range();
-        Ok(Streams {
-            depth: DepthCamera::new(
-                judge.camera("depth", depth.intrinsics())?,
-                depth.scale,
-                near..=far,
-            )
-            .map_err(describe)?,
+        let depth_camera = DepthCamera::new(
+            judge.camera("depth", depth.intrinsics())?,
+            depth.scale,
+            near..=far,
+        )
+        .map_err(describe)?;
+        let streams = Streams {
+            depth: DepthCamera {
+                is_registered: depth.registered,
+                ..depth_camera
+            },
             color: ColorCamera::new(
                 judge.camera("color", color.intrinsics())?,
                 color.format.encoding(),
@@ -201,7 +221,15 @@ impl Rig {
             depth_timing: StreamTiming::default(),
             color_timing: StreamTiming::default(),
             device: None,
-        })
+        };
+        let is_one_camera = streams.depth.intrinsics == streams.color.intrinsics
+            && streams.color_from_depth == Pose::IDENTITY;
+        if depth.registered && !is_one_camera {
+            return Err(ImportError::RigRegistered {
+                path: path.to_path_buf(),
+            });
+        }
+        Ok(streams)
     }
 
     /// What the recording does not hold of this rig, and what it was not told, for the report.

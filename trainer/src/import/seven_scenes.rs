@@ -7,7 +7,7 @@ use geometry::pose::orthogonality_error;
 use geometry::{DMat3, DVec3, Pose};
 
 use super::error::{ImportError, read_text};
-use super::source::{Images, Source, SourceFrame};
+use super::source::{Images, PairedImages, Source};
 
 pub(crate) const PREFIX: &str = "frame-";
 pub(crate) const POSE_SUFFIX: &str = ".pose.txt";
@@ -23,7 +23,7 @@ pub(crate) fn read(
 ) -> Result<Source, ImportError> {
     let images = Images::find(folder, PREFIX, range)?;
     let mut worst_rotation_error = 0.0_f64;
-    let mut frames = Vec::with_capacity(images.wanted.len());
+    let mut pairs = Vec::with_capacity(images.wanted.len());
     for (number, color, depth) in images.wanted {
         let path = pose_path(&depth);
         if !path.exists() {
@@ -35,7 +35,7 @@ pub(crate) fn read(
         }
         let (world_from_camera, rotation_error) = read_pose(&path)?;
         worst_rotation_error = worst_rotation_error.max(rotation_error);
-        frames.push(SourceFrame {
+        pairs.push(PairedImages {
             number,
             // Below 2^32 frames at 0.01 Hz and more: far inside f64's and i64's exact ranges.
             time_nanos: (f64::from(number) * 1e9 / rate_hz).round() as i64,
@@ -44,15 +44,14 @@ pub(crate) fn read(
             world_from_camera,
         });
     }
-    Ok(Source {
-        frames,
-        numbers: images.numbers,
-        poses_path: folder.to_path_buf(),
+    let note = format!("the folder has no times: {rate_hz} frames a second assumed");
+    Ok(Source::of_pairs(
+        pairs,
+        images.numbers,
+        folder.to_path_buf(),
         worst_rotation_error,
-        notes: vec![format!(
-            "the folder has no times: {rate_hz} frames a second assumed"
-        )],
-    })
+        vec![note],
+    ))
 }
 
 /// `frame-000017.pose.txt` beside `frame-000017.depth.png`.
@@ -61,8 +60,9 @@ fn pose_path(depth: &Path) -> std::path::PathBuf {
     depth.with_extension("").with_extension("pose.txt")
 }
 
-/// The pose and how far its matrix was from a rotation.
-fn read_pose(path: &Path) -> Result<(Pose, f64), ImportError> {
+/// The pose and how far its matrix was from a rotation; no pose where all is NaN, which says that the camera
+/// was lost.
+fn read_pose(path: &Path) -> Result<(Option<Pose>, f64), ImportError> {
     let text = read_text(path)?;
     let wrong = |line, message| ImportError::Text {
         path: path.to_path_buf(),
@@ -84,6 +84,9 @@ fn read_pose(path: &Path) -> Result<(Pose, f64), ImportError> {
             format!("{} numbers, a pose has 16 (4 rows of 4)", values.len()),
         ));
     };
+    if m[..12].iter().all(|value| value.is_nan()) {
+        return Ok((None, 0.0));
+    }
     if m[12..] != [0.0, 0.0, 0.0, 1.0] {
         return Err(wrong(
             None,
@@ -102,5 +105,5 @@ fn read_pose(path: &Path) -> Result<(Pose, f64), ImportError> {
             source,
         }
     })?;
-    Ok((pose, orthogonality_error(rotation)))
+    Ok((Some(pose), orthogonality_error(rotation)))
 }

@@ -11,9 +11,13 @@ use super::error::ImportError;
 /// A folder with its frames found and its poses read, before any image is opened.
 #[derive(Clone, Debug)]
 pub(crate) struct Source {
-    /// The frames wanted, in the order of their numbers, which have no gaps. Never empty.
-    pub(crate) frames: Vec<SourceFrame>,
-    /// Numbers of all frames of the folder, wanted or not.
+    /// Depth images wanted, by time. Never empty.
+    pub(crate) depth: Vec<SourceImage>,
+    /// Colour images wanted, by time, as many as there are. Never empty.
+    pub(crate) color: Vec<SourceImage>,
+    /// World from the camera that the rig file names, one for each of `depth`, where it is known.
+    pub(crate) world_from_camera: Vec<Option<Pose>>,
+    /// Numbers of all depth images of the folder, wanted or not.
     pub(crate) numbers: Range<usize>,
     /// Where the poses are, for messages.
     pub(crate) poses_path: PathBuf,
@@ -24,16 +28,75 @@ pub(crate) struct Source {
     pub(crate) notes: Vec<String>,
 }
 
-/// A frame of a folder.
+/// An image of one stream.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct SourceImage {
+    /// Number in its file name, or position in its list.
+    pub(crate) number: u32,
+    pub(crate) time_nanos: i64,
+    pub(crate) path: PathBuf,
+}
+
+impl Source {
+    /// A source whose images come in pairs of one time.
+    pub(crate) fn of_pairs(
+        pairs: Vec<PairedImages>,
+        numbers: Range<usize>,
+        poses_path: PathBuf,
+        worst_rotation_error: f64,
+        notes: Vec<String>,
+    ) -> Self {
+        let image = |pair: &PairedImages, path: &Path| SourceImage {
+            number: pair.number,
+            time_nanos: pair.time_nanos,
+            path: path.to_path_buf(),
+        };
+        Self {
+            depth: pairs.iter().map(|pair| image(pair, &pair.depth)).collect(),
+            color: pairs.iter().map(|pair| image(pair, &pair.color)).collect(),
+            world_from_camera: pairs.iter().map(|pair| pair.world_from_camera).collect(),
+            numbers,
+            poses_path,
+            worst_rotation_error,
+            notes,
+        }
+    }
+
+    /// The images of both streams in the order of their times, depth first where they are equal.
+    pub(crate) fn in_order_of_time(&self) -> Vec<StreamImage> {
+        let depth = (0..self.depth.len()).map(StreamImage::Depth);
+        let mut order: Vec<StreamImage> = depth
+            .chain((0..self.color.len()).map(StreamImage::Color))
+            .collect();
+        // Stable: each stream keeps its order, depth its place before colour.
+        order.sort_by_key(|image| self.image(*image).time_nanos);
+        order
+    }
+
+    pub(crate) fn image(&self, image: StreamImage) -> &SourceImage {
+        match image {
+            StreamImage::Depth(index) => &self.depth[index],
+            StreamImage::Color(index) => &self.color[index],
+        }
+    }
+}
+
+/// An image of a [`Source`] by its position in its stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum StreamImage {
+    Depth(usize),
+    Color(usize),
+}
+
+/// A frame of a folder that has both images under one number.
 #[derive(Clone, Debug)]
-pub(crate) struct SourceFrame {
-    /// Number in its file names.
+pub(crate) struct PairedImages {
     pub(crate) number: u32,
     pub(crate) time_nanos: i64,
     pub(crate) color: PathBuf,
     pub(crate) depth: PathBuf,
     /// World from the camera that the rig file names.
-    pub(crate) world_from_camera: Pose,
+    pub(crate) world_from_camera: Option<Pose>,
 }
 
 /// The images of a folder.

@@ -9,7 +9,8 @@ use serde::Deserialize;
 use super::error::{ImportError, read_text};
 use super::source::Source;
 
-/// A split file as it is written; frames are named by the numbers in their file names.
+/// A split file as it is written; frames are named by the numbers in their file names,
+/// in TUM by the position of the depth image.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SplitText {
@@ -25,7 +26,7 @@ pub(crate) fn split_of(
     source: &Source,
     path: Option<&Path>,
 ) -> Result<(Split, Vec<String>), ImportError> {
-    let frame_count = source.frames.len() as u32;
+    let frame_count = source.depth.len() as u32;
     let Some(path) = path else {
         let note = "no split file: every frame is for training, none is held out".to_owned();
         return Ok((Split::all_train(frame_count), vec![note]));
@@ -59,7 +60,7 @@ pub(crate) fn split_of(
     );
     let mut split = Split::default();
     let mut unnamed_count = 0;
-    for (index, frame) in (0..).zip(&source.frames) {
+    for (index, frame) in (0..).zip(&source.depth) {
         if train.contains(&frame.number) {
             split.train.push(index);
         } else if test.contains(&frame.number) {

@@ -4,14 +4,14 @@ use std::fmt;
 use std::path::Path;
 
 use geometry::{DQuat, DVec3, Pose};
-use serde::Deserialize;
 use serde::de::{MapAccess, Visitor, value::MapAccessDeserializer};
+use serde::{Deserialize, Serialize};
 
 use super::error::ImportError;
 use super::judge::Judge;
 
 /// `"identity"`, or a table with `rotation` (unit quaternion x, y, z, w) and `translation` (metres).
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize)]
 pub(crate) struct RigTransform {
     rotation: [f64; 4],
     translation: [f64; 3],
@@ -23,6 +23,15 @@ const IDENTITY_ROTATION: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 pub(crate) const LARGEST_QUATERNION_ERROR: f64 = 1e-2;
 
 impl RigTransform {
+    /// A transform as a rig file writes it, every number to its last bit.
+    pub(crate) fn of(pose: &Pose) -> Self {
+        // Inverses bring -0; it is the same number and reads badly.
+        Self {
+            rotation: pose.rotation().to_array().map(|value| value + 0.0),
+            translation: pose.translation().to_array().map(|value| value + 0.0),
+        }
+    }
+
     /// The transform, judged: a unit quaternion and cameras less than a metre apart.
     pub(crate) fn pose(&self, path: &Path) -> Result<Pose, ImportError> {
         let rotation = DQuat::from_array(self.rotation);

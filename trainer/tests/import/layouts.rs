@@ -1,15 +1,13 @@
 //! `glint import` of whole folders, small ones and the data sets beside the repository.
 
-mod import_folders;
-
 use std::path::{Path, PathBuf};
 
+use crate::folders::{
+    FRAME_COUNT, Folder, HEIGHT, WIDTH, color, color_jpeg, depth, depth_png, matrix_text,
+    shared_data, tum_line, world_from_camera,
+};
 use geometry::{DVec3, Pose};
 use glint::import::{ImportFormat, ImportOptions, POSE_SET, import};
-use import_folders::{
-    FRAME_COUNT, Folder, HEIGHT, WIDTH, color, color_jpeg, depth, depth_png, matrix_text, tum_line,
-    world_from_camera,
-};
 use sequence::Recording;
 
 /// Nine decimals of a quaternion and metres.
@@ -47,7 +45,7 @@ fn a_plain_folder_comes_back_from_the_recording() {
         );
     }
     let (depth, color) = (recording.depth_camera(), recording.color_camera());
-    assert_eq!(depth.intrinsics, import_folders::depth_camera());
+    assert_eq!(depth.intrinsics, crate::folders::depth_camera());
     assert_eq!(
         (depth.depth_scale, depth.depth_range.clone()),
         (0.001, 0.4..=10.0)
@@ -146,7 +144,7 @@ fn poses_of_the_colour_camera_become_those_of_the_depth_camera() {
 fn both_ways_of_writing_the_extrinsic_agree() {
     let folder = Folder::plain();
     let named = |key: &str, sign: f64| {
-        let rig = import_folders::RIG.replace(
+        let rig = crate::folders::RIG.replace(
             "depth_from_color = \"identity\"",
             &format!(
                 "{key} = {{ translation = [{:.4}, 0.0, 0.0] }}",
@@ -236,6 +234,15 @@ fn the_bytes_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
+fn the_bytes_do_not_depend_on_where_the_folder_lies() {
+    let [here, there] = [Folder::tum(), Folder::tum()].map(|folder| {
+        let report = folder.import().unwrap();
+        std::fs::read(report.output).unwrap()
+    });
+    assert_eq!(here, there);
+}
+
+#[test]
 fn poses_of_a_still_camera_are_not_called_wrong() {
     let folder = Folder::plain();
     let still: String = (0..FRAME_COUNT)
@@ -247,18 +254,6 @@ fn poses_of_a_still_camera_are_not_called_wrong() {
     }
     let fit = folder.import().unwrap().pose_fit.unwrap();
     assert_eq!(fit.given_fraction, fit.inverse_fraction);
-}
-
-/// A folder of the data beside the repository, or `None` with the reason printed.
-fn shared_data(name: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../shared/data")
-        .join(name);
-    if path.is_dir() {
-        return Some(path);
-    }
-    eprintln!("skipped: ../shared/data/{name} is not there");
-    None
 }
 
 fn recordings() -> PathBuf {

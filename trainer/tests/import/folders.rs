@@ -94,7 +94,57 @@ impl Folder {
         folder
     }
 
-    fn empty() -> Self {
+    /// A TUM folder: depth at 10 Hz, PNG colour at 15 Hz, poses of the colour camera at 50 Hz, all from
+    /// [`TUM_START`]; nothing has the same stamp as anything else but by design.
+    pub(crate) fn tum() -> Self {
+        let folder = Self::empty();
+        for name in ["rgb", "depth"] {
+            fs::create_dir(folder.path(name)).unwrap();
+        }
+        let mut lists = [
+            "# depth maps\n# timestamp filename\n",
+            "# color images\n",
+            "# path\n",
+        ]
+        .map(str::to_owned);
+        for frame in 0..FRAME_COUNT {
+            let name = format!("depth/{frame}.png");
+            folder.write(&name, &depth_png(frame));
+            writeln!(lists[0], "{} {name}", tum_time(tum_depth_micros(frame))).unwrap();
+        }
+        for frame in 0..TUM_COLOR_COUNT {
+            let name = format!("rgb/{frame}.png");
+            folder.write(&name, &encode_png_rgb8(&color(frame)).unwrap());
+            writeln!(lists[1], "{} {name}", tum_time(tum_color_micros(frame))).unwrap();
+        }
+        for step in 0..40 {
+            let micros = 20_000 * step;
+            let pose = world_from_camera_at(micros as f64 * 1e-5);
+            let (t, q) = (pose.translation(), pose.rotation());
+            let time = tum_time(micros);
+            writeln!(
+                lists[2],
+                "{time} {} {} {} {} {} {} {}",
+                t.x, t.y, t.z, q.x, q.y, q.z, q.w
+            )
+            .unwrap();
+        }
+        for (name, text) in ["depth.txt", "rgb.txt", "groundtruth.txt"]
+            .iter()
+            .zip(lists)
+        {
+            folder.write(name, text.as_bytes());
+        }
+        let rig = RIG
+            .replace("format = \"jpeg\"", "format = \"png\"")
+            .replace("fy = 111.0", "fy = 110.0")
+            .replace("frame_rate = 10.0", "poses = \"color\"")
+            .replace("scale = 0.001", "scale = 0.001\nregistered = true");
+        folder.write("rig.toml", rig.as_bytes());
+        folder
+    }
+
+    pub(crate) fn empty() -> Self {
         Self {
             directory: tempfile::tempdir().unwrap(),
         }
@@ -149,8 +199,31 @@ impl Folder {
     }
 }
 
+/// Microseconds since 1970 of a time that counts from the start of the TUM folder.
+pub(crate) const TUM_START: i64 = 1_305_031_102_175_304;
+pub(crate) const TUM_COLOR_COUNT: u32 = 12;
+
+/// Depth `frame` was taken by the camera at `world_from_camera(frame)`.
+pub(crate) fn tum_depth_micros(frame: u32) -> i64 {
+    100_000 * i64::from(frame)
+}
+
+/// 7 ms after every second depth image, and half a period away from the others.
+pub(crate) fn tum_color_micros(frame: u32) -> i64 {
+    7_000 + 200_000 * i64::from(frame) / 3
+}
+
+fn tum_time(micros: i64) -> String {
+    let micros = TUM_START + micros;
+    format!("{}.{:06}", micros / 1_000_000, micros % 1_000_000)
+}
+
 pub(crate) fn world_from_camera(frame: u32) -> Pose {
-    let t = f64::from(frame);
+    world_from_camera_at(f64::from(frame))
+}
+
+/// The pose at `t` times the period of the depth camera.
+pub(crate) fn world_from_camera_at(t: f64) -> Pose {
     Pose::from_translation(DVec3::new(0.05 * t, 0.01 * t, 0.2 - 0.02 * t))
         * Pose::from_axis_angle(DVec3::new(0.2, 1.0, 0.1), 0.05 * t)
 }
@@ -219,4 +292,16 @@ pub(crate) fn matrix_text(pose: &Pose, scale: f64) -> String {
     }
     text.push_str("0 0 0 1\n");
     text
+}
+
+/// A folder of the data beside the repository, or `None` with the reason printed.
+pub(crate) fn shared_data(name: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../shared/data")
+        .join(name);
+    if path.is_dir() {
+        return Some(path);
+    }
+    eprintln!("skipped: ../shared/data/{name} is not there");
+    None
 }

@@ -1,12 +1,10 @@
 //! What `glint import` refuses: with one sentence, without a file, never with a panic.
 
-mod import_folders;
-
 use std::fs;
 use std::process::Command;
 
+use crate::folders::{FRAME_COUNT, Folder, matrix_text, tum_line, world_from_camera};
 use glint::import::import;
-use import_folders::{FRAME_COUNT, Folder, matrix_text, tum_line, world_from_camera};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64Mcg;
 
@@ -103,7 +101,7 @@ fn missing_and_doubled_files() {
             .unwrap();
         },
     );
-    refuses(&["neither layout", "--format"], |folder| {
+    refuses(&["no layout that is known", "--format"], |folder| {
         folder.remove("poses.txt");
     });
     refuses(&["no rig file", "--rig"], |folder| {
@@ -380,19 +378,26 @@ fn a_refusal_is_exit_code_2_and_one_line() {
 /// Damage by chance: whatever it does, the import ends with a recording or a sentence.
 #[test]
 fn random_damage_never_panics() {
-    const ROUNDS: usize = 150;
-    let names = [
+    let plain = [
         "rig.toml",
         "poses.txt",
         "split.json",
         "frames/000000.depth.png",
         "frames/000003.color.jpg",
     ];
-    let folder = Folder::plain();
-    let whole = names.map(|name| folder.read(name));
+    damage_by_chance(&Folder::plain(), &plain, 150);
+    damage_by_chance(
+        &Folder::tum(),
+        &["rgb.txt", "depth.txt", "groundtruth.txt"],
+        80,
+    );
+}
+
+fn damage_by_chance(folder: &Folder, names: &[&str], round_count: usize) {
+    let whole: Vec<Vec<u8>> = names.iter().map(|name| folder.read(name)).collect();
     let mut random = Pcg64Mcg::seed_from_u64(20);
     let mut refused_count = 0;
-    for _ in 0..ROUNDS {
+    for _ in 0..round_count {
         let which = random.random_range(0..names.len());
         let mut bytes = whole[which].clone();
         for _ in 0..random.random_range(1..4) {
@@ -408,7 +413,7 @@ fn random_damage_never_panics() {
         refused_count += usize::from(folder.import().is_err());
         folder.write(names[which], &whole[which]);
     }
-    println!("{refused_count} of {ROUNDS} damaged folders were refused");
-    assert!(refused_count > ROUNDS / 4);
+    println!("{refused_count} of {round_count} damaged folders were refused");
+    assert!(refused_count > round_count / 4);
     folder.import().unwrap();
 }

@@ -1,0 +1,241 @@
+//! Images into the recording, in the order of their times; what repeats is found on the way.
+
+use std::path::Path;
+
+use geometry::Intrinsics;
+use imaging::{Image, decode_jpeg, decode_png_gray16, decode_png_rgb8, metres_from_raw};
+use rayon::prelude::*;
+use sequence::codecs::DepthCodec;
+use sequence::encode::{ColorStreamEncoder, DepthStreamEncoder};
+use sequence::{
+    COLOR_STREAM, ColorEncoding, DEPTH_STREAM, FrameTimes, RecordingWriter, SequenceError, Streams,
+};
+
+use super::checks::median_code;
+use super::error::{ImportError, read_file};
+use super::report::DepthReport;
+use super::source::{Source, SourceImage, StreamImage};
+
+/// Images that are read and decoded at a time, by all threads together.
+const BATCH: usize = 32;
+
+/// Decodes a depth image and refuses another size than the camera's.
+pub(crate) fn depth_codes(
+    path: &Path,
+    bytes: &[u8],
+    streams: &Streams,
+) -> Result<Image<u16>, ImportError> {
+    let codes = decode_png_gray16(bytes).map_err(|source| ImportError::Image {
+        path: path.to_path_buf(),
+        source,
+    })?;
+    require_size(path, "depth", &codes, &streams.depth.intrinsics)?;
+    Ok(codes)
+}
+
+/// What the colour encoder takes: the file itself for JPEG, the samples for PNG.
+fn color_frame(path: &Path, file: Vec<u8>, streams: &Streams) -> Result<Vec<u8>, ImportError> {
+    let is_jpeg = streams.color.encoding == ColorEncoding::Jpeg;
+    // A JPEG too, so that what is written can be read.
+    let decoded = if is_jpeg {
+        decode_jpeg(&file)
+    } else {
+        decode_png_rgb8(&file)
+    };
+    let decoded = decoded.map_err(|source| ImportError::Image {
+        path: path.to_path_buf(),
+        source,
+    })?;
+    require_size(path, "color", &decoded, &streams.color.intrinsics)?;
+    Ok(if is_jpeg {
+        file
+    } else {
+        decoded.pixels().as_flattened().to_vec()
+    })
+}
+
+fn require_size<T>(
+    path: &Path,
+    stream: &'static str,
+    image: &Image<T>,
+    camera: &Intrinsics,
+) -> Result<(), ImportError> {
+    if (image.width(), image.height()) == (camera.width(), camera.height()) {
+        return Ok(());
+    }
+    Err(ImportError::ImageSize {
+        path: path.to_path_buf(),
+        stream,
+        width: image.width(),
+        height: image.height(),
+        camera_width: camera.width(),
+        camera_height: camera.height(),
+    })
+}
+
+/// An image that was read and decoded.
+enum Loaded {
+    Depth(Image<u16>),
+    Color(Vec<u8>),
+}
+
+fn load(source: &Source, image: StreamImage, streams: &Streams) -> Result<Loaded, ImportError> {
+    let path = &source.image(image).path;
+    let file = read_file(path)?;
+    match image {
+        StreamImage::Depth(_) => depth_codes(path, &file, streams).map(Loaded::Depth),
+        StreamImage::Color(_) => color_frame(path, file, streams).map(Loaded::Color),
+    }
+}
+
+/// Copies all images; `progress(done, of)` is called after each.
+pub(crate) fn copy_images(
+    source: &Source,
+    streams: &Streams,
+    writer: &mut RecordingWriter,
+    progress: &mut dyn FnMut(usize, usize),
+) -> anyhow::Result<Copied> {
+    let mut copier = Copier::new(streams)?;
+    let order = source.in_order_of_time();
+    let mut done_count = 0;
+    for batch in order.chunks(BATCH) {
+        crate::interrupt::check()?;
+        let loaded: Vec<Result<Loaded, ImportError>> = batch
+            .par_iter()
+            .map(|image| load(source, *image, streams))
+            .collect();
+        for (image, loaded) in batch.iter().zip(loaded) {
+            // In order: the first bad image is the one reported, whatever thread met another.
+            copier.write(writer, source.image(*image), loaded?)?;
+            done_count += 1;
+            progress(done_count, order.len());
+        }
+    }
+    Ok(copier.copied)
+}
+
+/// What was counted while images were copied.
+pub(crate) struct Copied {
+    depth: DepthReport,
+    histogram: Vec<u64>,
+    /// Numbers of the depth images that equal the one before, sample by sample.
+    pub(crate) repeated_depth: Vec<u32>,
+    /// Numbers of the colour images that equal the one before (JPEG: byte for byte).
+    pub(crate) repeated_color: Vec<u32>,
+}
+
+impl Copied {
+    pub(crate) fn depth_report(&self, scale: f64) -> DepthReport {
+        DepthReport {
+            median_m: median_code(&self.histogram).map_or(0.0, |code| code * scale),
+            code_0_count: self.histogram[0],
+            code_65535_count: self.histogram[usize::from(u16::MAX)],
+            ..self.depth
+        }
+    }
+}
+
+/// Both streams as far as they are written.
+struct Copier<'a> {
+    streams: &'a Streams,
+    depth_encoder: DepthStreamEncoder,
+    color_encoder: ColorStreamEncoder,
+    previous_depth: Option<Image<u16>>,
+    previous_color: Option<Vec<u8>>,
+    /// Numbers of the next frames in the recording.
+    next_depth: u64,
+    next_color: u64,
+    copied: Copied,
+}
+
+impl<'a> Copier<'a> {
+    fn new(streams: &'a Streams) -> Result<Self, SequenceError> {
+        Ok(Self {
+            streams,
+            depth_encoder: DepthStreamEncoder::new(streams, DepthCodec::Dense)?,
+            color_encoder: ColorStreamEncoder::new(streams)?,
+            previous_depth: None,
+            previous_color: None,
+            next_depth: 0,
+            next_color: 0,
+            copied: Copied {
+                depth: DepthReport::default(),
+                histogram: vec![0; 1 << 16],
+                repeated_depth: Vec::new(),
+                repeated_color: Vec::new(),
+            },
+        })
+    }
+
+    fn write(
+        &mut self,
+        writer: &mut RecordingWriter,
+        image: &SourceImage,
+        loaded: Loaded,
+    ) -> Result<(), SequenceError> {
+        match loaded {
+            Loaded::Depth(codes) => self.write_depth(writer, image, codes)?,
+            Loaded::Color(frame) => self.write_color(writer, image, frame)?,
+        }
+        writer.seal_if_due(image.time_nanos)
+    }
+
+    fn write_depth(
+        &mut self,
+        writer: &mut RecordingWriter,
+        image: &SourceImage,
+        codes: Image<u16>,
+    ) -> Result<(), SequenceError> {
+        let is_repeat = self.previous_depth.as_ref() == Some(&codes);
+        let (payload, table) = self.depth_encoder.encode(codes.pixels())?;
+        if let Some(table) = table {
+            writer.write_table(DEPTH_STREAM, table)?;
+        }
+        let times = times(self.next_depth, image, is_repeat);
+        writer.write_frame(DEPTH_STREAM, &times, payload)?;
+        self.next_depth += 1;
+        if is_repeat {
+            self.copied.repeated_depth.push(image.number);
+        }
+        self.count(&codes);
+        self.previous_depth = Some(codes);
+        Ok(())
+    }
+
+    fn write_color(
+        &mut self,
+        writer: &mut RecordingWriter,
+        image: &SourceImage,
+        frame: Vec<u8>,
+    ) -> Result<(), SequenceError> {
+        let is_repeat = self.previous_color.as_ref() == Some(&frame);
+        let payload = self.color_encoder.encode(&frame)?;
+        let times = times(self.next_color, image, is_repeat);
+        writer.write_frame(COLOR_STREAM, &times, payload)?;
+        self.next_color += 1;
+        if is_repeat {
+            self.copied.repeated_color.push(image.number);
+        }
+        self.previous_color = Some(frame);
+        Ok(())
+    }
+
+    fn count(&mut self, codes: &Image<u16>) {
+        for code in codes.pixels() {
+            self.copied.histogram[usize::from(*code)] += 1;
+        }
+        let camera = &self.streams.depth;
+        let (_, counts) = metres_from_raw(codes, camera.depth_scale, camera.depth_range.clone());
+        self.copied.depth.measured_count += counts.measured_count;
+        self.copied.depth.out_of_range_count += counts.out_of_range_count;
+    }
+}
+
+fn times(number: u64, image: &SourceImage, is_repeat: bool) -> FrameTimes {
+    FrameTimes {
+        number,
+        device_nanos: image.time_nanos,
+        is_repeat,
+        ..FrameTimes::default()
+    }
+}
