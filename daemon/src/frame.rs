@@ -25,6 +25,8 @@ pub struct ColorFrame {
 /// Handles of the frames that are free: the source takes, the last user gives back.
 pub struct FreeFrames<F> {
     free: HeapCons<Box<F>>,
+    /// One that was taken and not used.
+    spare: Option<Box<F>>,
 }
 
 /// Where a user gives frames back.
@@ -39,13 +41,22 @@ pub fn pool<F>(frames: impl ExactSizeIterator<Item = F>) -> (FreeFrames<F>, Retu
         // As many places as frames.
         let _ = give.try_push(Box::new(frame));
     }
-    (FreeFrames { free: take }, Returns { free: give })
+    let free = FreeFrames {
+        free: take,
+        spare: None,
+    };
+    (free, Returns { free: give })
 }
 
 impl<F> FreeFrames<F> {
     /// A free frame, if there is one.
     pub fn take(&mut self) -> Option<Box<F>> {
-        self.free.try_pop()
+        self.spare.take().or_else(|| self.free.try_pop())
+    }
+
+    /// Keeps the frame that was taken last for the next time.
+    pub fn put_back(&mut self, frame: Box<F>) {
+        self.spare = Some(frame);
     }
 }
 

@@ -221,6 +221,19 @@ impl Replay {
             count,
             cause,
         };
+        // Taken first: a recording that ends while its source waits has not had this frame.
+        let (mut depth_frame, mut color_frame) = (None, None);
+        match step {
+            Step::Depth(_) => {
+                depth_frame = take(&mut ends.depth_frames, &ends.parker, self.waits(), stop);
+            }
+            Step::Color(_) => {
+                color_frame = take(&mut ends.color_frames, &ends.parker, self.waits(), stop);
+            }
+        }
+        if self.waits() && depth_frame.is_none() && color_frame.is_none() {
+            return;
+        }
         if number > next[slot] {
             ends.drops
                 .add(drop(next[slot], number - next[slot], GapCause::Source));
@@ -240,41 +253,33 @@ impl Replay {
                 is_repeat: false,
             }
         };
-        let cause = match step {
-            Step::Depth(_) => {
-                match take(&mut ends.depth_frames, &ends.parker, self.waits(), stop) {
-                    Some(mut frame) => match self.decode_depth(place, &mut frame, decoders) {
-                        Ok(stored) => {
-                            frame.times = times(stored);
-                            self.send(Sent::Depth(frame), ends, stream);
-                            return;
-                        }
-                        Err(error) => {
-                            tracing::warn!("depth frame {number}: {error}");
-                            GapCause::Corrupt
-                        }
-                    },
-                    None => GapCause::PoolEmpty,
+        let error = if let Some(mut frame) = depth_frame {
+            match self.decode_depth(place, &mut frame, decoders) {
+                Ok(stored) => {
+                    frame.times = times(stored);
+                    return self.send(Sent::Depth(frame), ends, stream);
+                }
+                Err(error) => {
+                    ends.depth_frames.put_back(frame);
+                    error
                 }
             }
-            Step::Color(_) => {
-                match take(&mut ends.color_frames, &ends.parker, self.waits(), stop) {
-                    Some(mut frame) => match self.decode_color(place, &mut frame, decoders) {
-                        Ok(stored) => {
-                            frame.times = times(stored);
-                            self.send(Sent::Color(frame), ends, stream);
-                            return;
-                        }
-                        Err(error) => {
-                            tracing::warn!("colour frame {number}: {error}");
-                            GapCause::Corrupt
-                        }
-                    },
-                    None => GapCause::PoolEmpty,
+        } else if let Some(mut frame) = color_frame {
+            match self.decode_color(place, &mut frame, decoders) {
+                Ok(stored) => {
+                    frame.times = times(stored);
+                    return self.send(Sent::Color(frame), ends, stream);
+                }
+                Err(error) => {
+                    ends.color_frames.put_back(frame);
+                    error
                 }
             }
+        } else {
+            return ends.drops.add(drop(number, 1, GapCause::PoolEmpty));
         };
-        ends.drops.add(drop(number, 1, cause));
+        tracing::warn!("frame {number} of stream {stream}: {error}");
+        ends.drops.add(drop(number, 1, GapCause::Corrupt));
     }
 
     fn send(&self, frame: Sent, ends: &mut SourceEnds, stream: u16) {

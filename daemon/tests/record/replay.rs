@@ -100,6 +100,34 @@ fn a_hole_in_the_source_is_a_gap_with_its_cause() {
 }
 
 #[test]
+fn more_damaged_frames_than_the_pools_have_become_gaps() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = source::write(folder.path(), 60, &[]);
+    // A byte in the image of every depth frame from 10 on.
+    let mut bytes = std::fs::read(&input).unwrap();
+    {
+        let recording = Recording::open(&input).unwrap();
+        for place in &recording.contents().stream(1)[10..] {
+            bytes[place.offset as usize + 80] ^= 1;
+        }
+    }
+    let broken = folder.path().join("broken.glint");
+    std::fs::write(&broken, &bytes).unwrap();
+    let output = folder.path().join("out.glint");
+    let outcome = capture(options(&broken, "", &output), &StopFlag::default()).unwrap();
+    assert_eq!(
+        (outcome.frames_in, outcome.frames_recorded, outcome.gaps),
+        (120, 70, 50)
+    );
+    let recording = Recording::open(&output).unwrap();
+    let gap = &recording.contents().gaps[0];
+    assert_eq!(
+        (gap.first_number, gap.count, gap.cause),
+        (10, 50, Some(GapCause::Corrupt))
+    );
+}
+
+#[test]
 fn rounds_go_on_in_numbers_times_and_ticks() {
     let folder = tempfile::tempdir().unwrap();
     let input = source::write(folder.path(), 10, &[]);

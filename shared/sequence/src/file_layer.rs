@@ -59,6 +59,7 @@ pub fn layer_of(file: File, write_path: WritePath) -> Result<Box<dyn FileLayer>,
         Err(Errno::WOULDBLOCK) => return Err(SequenceError::Busy),
         Err(error) => return Err(SequenceError::Io(error.into())),
     }
+    let file = LockedFile(file);
     let mapped = match write_path {
         WritePath::Auto => reservation_is_a_promise(&file)?,
         WritePath::Mapped => true,
@@ -85,10 +86,30 @@ fn reservation_is_a_promise(file: &File) -> io::Result<bool> {
     Ok(kind == EXT4 || kind == XFS)
 }
 
+/// The file of a writer, with its lock.
+#[derive(Debug)]
+struct LockedFile(File);
+
+impl Drop for LockedFile {
+    fn drop(&mut self) {
+        // Not left to closing: a process that is being started holds copies of all files for a moment. A lock
+        // that cannot be given back goes with the last copy.
+        let _ = flock(&self.0, FlockOperation::Unlock);
+    }
+}
+
+impl std::ops::Deref for LockedFile {
+    type Target = File;
+
+    fn deref(&self) -> &File {
+        &self.0
+    }
+}
+
 /// Writes through a map of reserved space.
 #[derive(Debug)]
 struct MappedFile {
-    file: File,
+    file: LockedFile,
     /// Reserved up to here.
     end: u64,
     /// The window begins here.
@@ -98,7 +119,7 @@ struct MappedFile {
 
 impl FileLayer for MappedFile {
     fn allocate(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
-        fallocate(&self.file, FallocateFlags::empty(), offset, bytes)?;
+        fallocate(&*self.file, FallocateFlags::empty(), offset, bytes)?;
         self.end = self.end.max(offset + bytes);
         Ok(())
     }
@@ -149,13 +170,13 @@ impl FileLayer for MappedFile {
 /// Writes through `pwrite`.
 #[derive(Debug)]
 struct PlainFile {
-    file: File,
+    file: LockedFile,
     released: u64,
 }
 
 impl FileLayer for PlainFile {
     fn allocate(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
-        match fallocate(&self.file, FallocateFlags::empty(), offset, bytes) {
+        match fallocate(&*self.file, FallocateFlags::empty(), offset, bytes) {
             // No reservation to be had: the write itself will say when the disk is full.
             Err(Errno::OPNOTSUPP | Errno::NOSYS) => Ok(()),
             result => Ok(result?),
