@@ -15,6 +15,7 @@ use crate::contents::require_pose_set_name;
 use crate::description::Description;
 use crate::error::SequenceError;
 use crate::file_layer::{self, FileLayer, WritePath};
+use crate::layout::FLAG_REPEAT;
 use crate::record::{
     End, Event, FramePose, FrameTimes, Gap, GapCause, Gravity, Histogram, Note, PoseSetHead,
     RecordKind, StreamTotals, poses_payload,
@@ -38,7 +39,34 @@ pub struct RecordingWriter {
     chunk_nanos: Option<i64>,
     pose_sets: Vec<PoseSetHead>,
     totals: BTreeMap<u16, StreamTotals>,
+    /// Records of the open chunk that are no frames.
+    unsealed: Unsealed,
     lost: Vec<Gap>,
+}
+
+/// Small records, kept until they are durable: when the disk refuses their chunk, they are written again.
+/// Frames are too big to be kept; they become gaps.
+#[derive(Debug, Default)]
+struct Unsealed {
+    /// Label and length of each payload.
+    labels: Vec<(RecordLabel, usize)>,
+    /// The payloads, one after the other.
+    payloads: Vec<u8>,
+}
+
+impl Unsealed {
+    fn push(&mut self, label: RecordLabel, parts: &[&[u8]]) {
+        let start = self.payloads.len();
+        for part in parts {
+            self.payloads.extend_from_slice(part);
+        }
+        self.labels.push((label, self.payloads.len() - start));
+    }
+
+    fn clear(&mut self) {
+        self.labels.clear();
+        self.payloads.clear();
+    }
 }
 
 impl RecordingWriter {
@@ -100,6 +128,7 @@ impl RecordingWriter {
             chunk_nanos: None,
             pose_sets: Vec::new(),
             totals: BTreeMap::new(),
+            unsealed: Unsealed::default(),
             lost: Vec::new(),
         })
     }
@@ -306,7 +335,11 @@ impl RecordingWriter {
     fn append(&mut self, label: RecordLabel, parts: &[&[u8]]) -> Result<(), SequenceError> {
         self.chunks
             .append(label, parts)
-            .map_err(|error| error.in_file(&self.path))
+            .map_err(|error| error.in_file(&self.path))?;
+        if label.kind != RecordKind::Frame as u16 {
+            self.unsealed.push(label, parts);
+        }
+        Ok(())
     }
 
     fn totals_of(&mut self, stream: u16) -> &mut StreamTotals {
@@ -316,34 +349,42 @@ impl RecordingWriter {
         })
     }
 
+    /// Writes what was lost with a chunk: its small records again, its frames as gaps.
     fn note_losses(&mut self, sealing: Sealing) -> Result<(), SequenceError> {
         let Sealing::Lost(labels) = sealing else {
+            self.unsealed.clear();
             return Ok(());
         };
         for label in &labels {
             if label.kind == RecordKind::Frame as u16 {
                 let totals = self.totals_of(label.stream);
                 totals.frames = totals.frames.saturating_sub(1);
+                totals.repeats = totals
+                    .repeats
+                    .saturating_sub(u64::from(label.flags & FLAG_REPEAT));
             }
         }
-        let other_count = labels
-            .iter()
-            .filter(|label| label.kind != RecordKind::Frame as u16)
-            .count();
-        for gap in gaps_of(&labels) {
-            self.write_gap(&gap)?;
-            self.lost.push(gap);
+        let Unsealed {
+            labels: kept,
+            payloads,
+        } = std::mem::take(&mut self.unsealed);
+        let mut rest = payloads.as_slice();
+        for (label, length) in kept {
+            let (payload, behind) = rest.split_at(length);
+            self.append(label, &[payload])?;
+            rest = behind;
         }
-        let details = serde_json::json!({
-            "event": "warning",
-            "message": format!(
-                "the disk refused a chunk; beside its frames, {other_count} other records are gone"
-            ),
-        });
+        for gap in gaps_of(&labels) {
+            self.lost.push(gap.clone());
+            self.write_gap(&gap)?;
+        }
         self.write_event(&Event {
             stream: 0,
             host_nanos: 0,
-            details,
+            details: serde_json::json!({
+                "event": "warning",
+                "message": "the disk refused a chunk; its frames are in gaps",
+            }),
         })
     }
 }
