@@ -197,7 +197,18 @@ impl Contents {
                 self.notes
                     .push(Note::read(payload).ok_or_else(|| unfit("a note"))?);
             }
-            RecordKind::Split => self.split = Some(serde_json::from_slice(payload)?),
+            RecordKind::Split => {
+                let StoredSplit {
+                    train,
+                    unused,
+                    test,
+                } = serde_json::from_slice(payload)?;
+                self.split = Some(Split {
+                    train,
+                    unused,
+                    test,
+                });
+            }
             RecordKind::End => self.end = Some(serde_json::from_slice(payload)?),
             RecordKind::Frame | RecordKind::Index => {}
         }
@@ -247,6 +258,14 @@ impl Contents {
     pub fn stream(&self, id: u16) -> &[RecordPlace] {
         self.frames.get(&id).map_or(&[], Vec::as_slice)
     }
+}
+
+/// A split as it is stored: unlike in a file that a user wrote, keys of later versions are ignored.
+#[derive(serde::Deserialize)]
+struct StoredSplit {
+    train: Vec<u32>,
+    unused: Vec<u32>,
+    test: Vec<u32>,
 }
 
 /// Pose sets that a recording may have: keeps a hostile list of names from costing time.

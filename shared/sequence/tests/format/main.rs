@@ -1,4 +1,9 @@
 //! The format from outside: round trip, damage, faults of the disk, crashes.
 
+mod edit;
+mod holding;
+mod memory;
 mod round_trip;
 mod small;
+mod tiny;
+mod vectors;
