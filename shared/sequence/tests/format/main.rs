@@ -1,6 +1,7 @@
 //! The format from outside: round trip, damage, faults of the disk, crashes.
 
 mod edit;
+mod hex_dump;
 mod holding;
 mod memory;
 mod round_trip;
