@@ -49,6 +49,8 @@ struct State {
     /// Pages that differ from it and will be written by the next sync.
     dirty: BTreeSet<usize>,
     plan: Option<Plan>,
+    /// The disk has no more than this.
+    capacity: Option<usize>,
     call_count: u64,
     fault_count: u64,
     log: Vec<Operation>,
@@ -63,6 +65,13 @@ impl MemoryFile {
     pub(crate) fn failing(plan: Plan) -> Self {
         let file = Self::default();
         file.state().plan = Some(plan);
+        file
+    }
+
+    /// A file on a disk with room for `capacity` bytes.
+    pub(crate) fn on_disk_of(capacity: usize) -> Self {
+        let file = Self::default();
+        file.state().capacity = Some(capacity);
         file
     }
 
@@ -145,6 +154,9 @@ impl FileLayer for MemoryFile {
         let mut state = self.state();
         error_of(state.fault(true))?;
         let end = (offset + bytes) as usize;
+        if state.capacity.is_some_and(|capacity| end > capacity) {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
         if state.bytes.len() < end {
             state.resize(end);
         }
