@@ -126,6 +126,8 @@ class Reader:
                 continue
             later = (at for at in range(place + PAGE, len(self.data), PAGE) if self.chunk_at(at, number))
             following = next(later, None)
+            if following is None and self.is_marked(place, number):
+                following = len(self.data)
             if following is None:
                 if any(self.data[place:]):
                     self.damages.append("tail")
@@ -134,6 +136,13 @@ class Reader:
             self.damages.append("header")
             self.records += self.walk(place, following)
             place = following
+
+    def is_marked(self, place, least_number):
+        """Section 7, 3: whether a commit mark is valid by itself."""
+        mark = self.data[place + 64 : place + HEADER]
+        if len(mark) < 64 or mark[:8] != b"glcommit" or struct.unpack_from("<Q", mark, 8)[0] < least_number:
+            return False
+        return crc32c(mark[:60]) == struct.unpack("<I", mark[60:])[0]
 
     def read_chunk(self, chunk):
         """Whether the chunk is sealed; its records are taken then."""

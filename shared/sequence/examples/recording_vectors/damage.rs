@@ -192,8 +192,15 @@ pub(crate) fn of_chunks(vectors: &mut Vectors) -> Outcome {
         "last-chunk-header",
         FILE,
         &[flip(third + 3)],
+        Some(base.loses(&[], &["header"])),
+        "the header of the last chunk: its commit mark says that it was sealed",
+    )?;
+    vectors.add(
+        "last-chunk-header-and-mark",
+        FILE,
+        &[flip(third + 3), flip(third + 65)],
         Some(base.holds(&[(1, 5), (2, 5)], &["tail"])),
-        "the header of the last chunk: no chunk follows, so it is the tail",
+        "header and commit mark of the last chunk: nothing says that it was sealed, so it is the tail",
     )?;
     let bytes = third - second;
     vectors.add(
@@ -344,11 +351,8 @@ pub(crate) fn of_length(vectors: &mut Vectors) -> Outcome {
         holds.insert("tail".to_owned(), json!(tail));
         holds
     };
-    let records_behind = base
-        .records
-        .iter()
-        .filter(|place| place.offset > third)
-        .count();
+    let mut cut_record = base.loses(&[], &["header"]);
+    cut_record.insert("end".to_owned(), Value::Null);
     for (name, length, holds, describes) in [
         (
             "cut-between-chunks",
@@ -365,8 +369,8 @@ pub(crate) fn of_length(vectors: &mut Vectors) -> Outcome {
         (
             "cut-in-last-record",
             end.offset + 30,
-            without_end(&["tail"], records_behind - 1),
-            "cut in its last record: the last chunk is the tail, its whole records can be repaired",
+            cut_record,
+            "cut in its last record: the commit mark says that the last chunk was sealed, its whole records count",
         ),
         (
             "cut-behind-last-record",
@@ -454,9 +458,13 @@ fn embedded(vectors: &mut Vectors, other: &Scene) -> Outcome {
     let last = chunks.last().ok_or("no chunk")?;
     let mut holds = truth::without(&scene, &[(1, 5), (2, 5)]);
     holds.insert("damages".to_owned(), json!(["tail"]));
-    let describes = "the chunk around it has lost its header, the record a byte: the pages inside are looked at \
+    let describes = "the chunk around it has lost its header and its mark, the record a bit: the pages inside are looked at \
         and are not ours";
-    let flips = [flip(last.start + 2), flip(place.offset + 40)];
+    let flips = [
+        flip(last.start + 2),
+        flip(last.start + 66),
+        flip(place.offset + 40),
+    ];
     vectors.add("embedded-in-the-tail", file, &flips, Some(holds), describes)
 }
 
