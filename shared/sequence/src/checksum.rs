@@ -70,10 +70,14 @@ pub fn is_some_chunk(header: &ChunkHeader) -> bool {
         && u64::from(header.index_offset.get()) >= RECORDS_OFFSET
 }
 
+/// Whether `mark` commits some chunk.
+pub fn is_mark(mark: &CommitMark) -> bool {
+    mark.magic == COMMIT_MAGIC && mark.crc.get() == crc32c::crc32c(&mark.as_bytes()[..60])
+}
+
 /// Whether `mark` commits the chunk that begins with `header`.
 pub fn is_commit(mark: &CommitMark, header: &ChunkHeader) -> bool {
-    mark.magic == COMMIT_MAGIC
-        && mark.crc.get() == crc32c::crc32c(&mark.as_bytes()[..60])
+    is_mark(mark)
         && mark.number == header.number
         && mark.records_crc == header.records_crc
         && mark.header_crc == header.crc

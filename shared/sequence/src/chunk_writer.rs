@@ -260,7 +260,13 @@ impl ChunkWriter {
             kind: label.kind.into(),
             stream: label.stream.into(),
             flags: label.flags.into(),
-            number: label.number.into(),
+            // Of other kinds it only tells records of the preamble apart.
+            number: if is_numbered(label.kind) {
+                label.number
+            } else {
+                0
+            }
+            .into(),
             device_nanos: label.device_nanos.into(),
             sequence: sequence.into(),
         });
@@ -442,6 +448,11 @@ impl std::fmt::Debug for ChunkWriter {
             .field("bytes", &self.bytes())
             .finish_non_exhaustive()
     }
+}
+
+/// Whether an index names the number of such a record.
+fn is_numbered(kind: u16) -> bool {
+    kind == RecordKind::Frame as u16 || kind == RecordKind::Gap as u16
 }
 
 /// Whether the disk or a quota is full.

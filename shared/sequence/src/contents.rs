@@ -58,6 +58,8 @@ pub struct Contents {
     pub sealed_bytes: u64,
     /// Records in the tail that was never sealed; not part of anything above.
     pub tail: Vec<RecordPlace>,
+    /// Poses of sets whose first head is damaged: the next chunk has another.
+    poses_without_set: Vec<(u16, Vec<FramePose>)>,
 }
 
 impl Contents {
@@ -80,6 +82,7 @@ impl Contents {
             chunk_count: 0,
             sealed_bytes: crate::layout::PAGE,
             tail: Vec::new(),
+            poses_without_set: Vec::new(),
         }
     }
 
@@ -197,7 +200,18 @@ impl Contents {
                 self.notes
                     .push(Note::read(payload).ok_or_else(|| unfit("a note"))?);
             }
-            RecordKind::Split => self.split = Some(serde_json::from_slice(payload)?),
+            RecordKind::Split => {
+                let StoredSplit {
+                    train,
+                    unused,
+                    test,
+                } = serde_json::from_slice(payload)?;
+                self.split = Some(Split {
+                    train,
+                    unused,
+                    test,
+                });
+            }
             RecordKind::End => self.end = Some(serde_json::from_slice(payload)?),
             RecordKind::Frame | RecordKind::Index => {}
         }
@@ -209,10 +223,15 @@ impl Contents {
             return Ok(());
         }
         require_pose_set_name(&head.name, self.pose_sets.iter().map(|set| &set.head))?;
-        self.pose_sets.push(StoredPoses {
-            head,
-            poses: Vec::new(),
+        let mut poses = Vec::new();
+        self.poses_without_set.retain_mut(|(set, waiting)| {
+            let is_of_set = *set == head.id;
+            if is_of_set {
+                poses.append(waiting);
+            }
+            !is_of_set
         });
+        self.pose_sets.push(StoredPoses { head, poses });
         Ok(())
     }
 
@@ -222,8 +241,9 @@ impl Contents {
             set.map_or_else(|| format!("number {id}"), |set| set.head.name.clone())
         };
         let (id, poses) = read_poses(payload, &name)?;
-        if let Some(set) = self.pose_sets.iter_mut().find(|set| set.head.id == id) {
-            set.poses.extend(poses);
+        match self.pose_sets.iter_mut().find(|set| set.head.id == id) {
+            Some(set) => set.poses.extend(poses),
+            None => self.poses_without_set.push((id, poses)),
         }
         Ok(())
     }
@@ -247,6 +267,14 @@ impl Contents {
     pub fn stream(&self, id: u16) -> &[RecordPlace] {
         self.frames.get(&id).map_or(&[], Vec::as_slice)
     }
+}
+
+/// A split as it is stored: unlike in a file that a user wrote, keys of later versions are ignored.
+#[derive(serde::Deserialize)]
+struct StoredSplit {
+    train: Vec<u32>,
+    unused: Vec<u32>,
+    test: Vec<u32>,
 }
 
 /// Pose sets that a recording may have: keeps a hostile list of names from costing time.

@@ -2,7 +2,7 @@
 
 use zerocopy::FromBytes as _;
 
-use crate::checksum::{Beginning, FileId, is_commit, is_some_chunk};
+use crate::checksum::{Beginning, FileId, is_commit, is_mark, is_some_chunk};
 use crate::chunk_writer::RecordLabel;
 use crate::error::SequenceError;
 use crate::layout::{
@@ -40,7 +40,8 @@ pub struct RecordPlace {
 pub enum ChunkState {
     /// Sealed.
     Sealed,
-    /// Between two chunks, without a header of its own; its records were found by walking.
+    /// Between two chunks or behind its own commit mark, without a header of its own; its records were found
+    /// by walking.
     Headless,
     /// Behind the last sealed chunk: never sealed, or cut off.
     Tail,
@@ -115,6 +116,8 @@ pub struct Scanner<'source, S: ByteSource + ?Sized> {
     byte_count: u64,
     least_number: u64,
     is_at_end: bool,
+    /// Bytes that may still be summed to find out whether chunks without a mark are whole.
+    sum_budget: u64,
 }
 
 impl<'source, S: ByteSource + ?Sized> Scanner<'source, S> {
@@ -137,14 +140,18 @@ impl<'source, S: ByteSource + ?Sized> Scanner<'source, S> {
         file_id: FileId,
         checking: Checking,
     ) -> Result<Self, SequenceError> {
+        let byte_count = source.byte_count()?;
         Ok(Self {
             source,
             file_id,
             checking,
             position: PAGE,
-            byte_count: source.byte_count()?,
+            byte_count,
             least_number: 0,
             is_at_end: false,
+            sum_budget: byte_count
+                .saturating_mul(SUM_EFFORT)
+                .saturating_add(1 << 20),
         })
     }
 
@@ -189,36 +196,56 @@ impl<'source, S: ByteSource + ?Sized> Scanner<'source, S> {
         if let Some((header, mark)) = self.headers(start)?
             && let Some(end) = chunk_end(start, header.records_bytes.get())
             && start + RECORDS_OFFSET + header.records_bytes.get() <= self.byte_count
+            && (is_commit(&mark, &header) || self.is_whole(start, &header)?)
         {
-            let is_sealed = is_commit(&mark, &header)
-                || crc_of(
-                    self.source,
-                    start + RECORDS_OFFSET,
-                    header.records_bytes.get(),
-                )? == Some(header.records_crc.get());
-            if is_sealed {
-                return self.chunk(&header, &mark, end).map(Some);
-            }
+            return self.chunk(&header, &mark, end).map(Some);
         }
         match self.find_header(start + PAGE)? {
-            Some(next) => {
-                self.position = next;
-                let bytes = next - start;
-                let (records, _) = self.walk(start, next)?;
-                Ok(Some(Chunk {
-                    start,
-                    end: next,
-                    number: None,
-                    state: ChunkState::Headless,
-                    records,
-                    damages: vec![Damage::Header {
-                        offset: start,
-                        bytes,
-                    }],
-                }))
-            }
+            Some(next) => self.headless(start, next).map(Some),
+            // A mark without its header: the chunk was sealed, and is the last.
+            None if self.is_marked(start)? => self.headless(start, self.byte_count).map(Some),
             None => self.tail(start),
         }
+    }
+
+    /// Whether the records of a chunk without a mark are those that its header sums.
+    fn is_whole(&mut self, start: u64, header: &ChunkHeader) -> Result<bool, SequenceError> {
+        let bytes = header.records_bytes.get();
+        // Headers on every page that claim all the rest would take time that grows with its square.
+        let Some(left) = self.sum_budget.checked_sub(bytes) else {
+            return Ok(false);
+        };
+        self.sum_budget = left;
+        let crc = crc_of(self.source, start + RECORDS_OFFSET, bytes)?;
+        Ok(crc == Some(header.records_crc.get()))
+    }
+
+    /// A chunk that was sealed, or lies between others, and whose header does not say how long it is.
+    fn headless(&mut self, start: u64, end: u64) -> Result<Chunk, SequenceError> {
+        self.position = end;
+        let (records, _) = self.walk(start, end)?;
+        Ok(Chunk {
+            start,
+            end,
+            number: None,
+            state: ChunkState::Headless,
+            records,
+            damages: vec![Damage::Header {
+                offset: start,
+                bytes: end - start,
+            }],
+        })
+    }
+
+    /// Whether the commit mark of a chunk at `start` is whole.
+    fn is_marked(&self, start: u64) -> Result<bool, SequenceError> {
+        let mut bytes = [0; size_of::<CommitMark>()];
+        let at = start + size_of::<ChunkHeader>() as u64;
+        if self.source.read_exact_at(at, &mut bytes)?.is_none() {
+            return Ok(false);
+        }
+        Ok(CommitMark::read_from_bytes(&bytes)
+            .is_ok_and(|mark| is_mark(&mark) && mark.number.get() >= self.least_number))
     }
 
     /// What lies behind the last sealed chunk.
@@ -454,6 +481,8 @@ impl<'source, S: ByteSource + ?Sized> Scanner<'source, S> {
     }
 }
 
+/// Times that all bytes may be summed for chunks without a mark; once is enough for files of ours.
+const SUM_EFFORT: u64 = 4;
 /// Times that bytes may be summed again while records are looked for among damaged ones.
 const WALK_EFFORT: u64 = 16;
 

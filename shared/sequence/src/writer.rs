@@ -15,6 +15,7 @@ use crate::contents::require_pose_set_name;
 use crate::description::Description;
 use crate::error::SequenceError;
 use crate::file_layer::{self, FileLayer, WritePath};
+use crate::layout::FLAG_REPEAT;
 use crate::record::{
     End, Event, FramePose, FrameTimes, Gap, GapCause, Gravity, Histogram, Note, PoseSetHead,
     RecordKind, StreamTotals, poses_payload,
@@ -38,6 +39,8 @@ pub struct RecordingWriter {
     chunk_nanos: Option<i64>,
     pose_sets: Vec<PoseSetHead>,
     totals: BTreeMap<u16, StreamTotals>,
+    /// Records of the open chunk that are no frames.
+    unsealed: Unsealed,
     lost: Vec<Gap>,
     /// Chunks in a row that the disk refused.
     refused_count: u32,
@@ -45,6 +48,31 @@ pub struct RecordingWriter {
 
 /// Chunks in a row that the disk may refuse before the recording ends.
 const MOST_REFUSED: u32 = 3;
+
+/// Small records, kept until they are durable: when the disk refuses their chunk, they are written again.
+/// Frames are too big to be kept; they become gaps.
+#[derive(Debug, Default)]
+struct Unsealed {
+    /// Label and length of each payload.
+    labels: Vec<(RecordLabel, usize)>,
+    /// The payloads, one after the other.
+    payloads: Vec<u8>,
+}
+
+impl Unsealed {
+    fn push(&mut self, label: RecordLabel, parts: &[&[u8]]) {
+        let start = self.payloads.len();
+        for part in parts {
+            self.payloads.extend_from_slice(part);
+        }
+        self.labels.push((label, self.payloads.len() - start));
+    }
+
+    fn clear(&mut self) {
+        self.labels.clear();
+        self.payloads.clear();
+    }
+}
 
 impl RecordingWriter {
     /// Begins a recording under its own name, which must be free: it can be followed, and what is sealed
@@ -105,6 +133,7 @@ impl RecordingWriter {
             chunk_nanos: None,
             pose_sets: Vec::new(),
             totals: BTreeMap::new(),
+            unsealed: Unsealed::default(),
             lost: Vec::new(),
             refused_count: 0,
         })
@@ -171,9 +200,12 @@ impl RecordingWriter {
             number: gap.first_number,
             ..RecordLabel::default()
         };
+        let header = gap.header();
+        let parts = [header.as_bytes(), gap.note.as_bytes()];
         self.chunks
-            .append_last(label, &[gap.header().as_bytes(), gap.note.as_bytes()])
+            .append_last(label, &parts)
             .map_err(|error| error.in_file(&self.path))?;
+        self.unsealed.push(label, &parts);
         self.totals_of(gap.stream).missing += gap.count;
         Ok(())
     }
@@ -244,6 +276,11 @@ impl RecordingWriter {
         let stream = head.map_or(0, |head| head.stream);
         let label = RecordLabel::of(RecordKind::Poses, stream);
         self.append(label, &[&poses_payload(set, poses)])
+    }
+
+    /// Appends a record of any kind with the payload it has, even of a kind that this version does not know.
+    pub fn write_copy(&mut self, label: RecordLabel, payload: &[u8]) -> Result<(), SequenceError> {
+        self.append(label, &[payload])
     }
 
     /// Whether the open chunk is old or big enough to be sealed. `now_nanos` is of any clock that runs with the
@@ -318,7 +355,11 @@ impl RecordingWriter {
     fn append(&mut self, label: RecordLabel, parts: &[&[u8]]) -> Result<(), SequenceError> {
         self.chunks
             .append(label, parts)
-            .map_err(|error| error.in_file(&self.path))
+            .map_err(|error| error.in_file(&self.path))?;
+        if label.kind != RecordKind::Frame as u16 {
+            self.unsealed.push(label, parts);
+        }
+        Ok(())
     }
 
     fn totals_of(&mut self, stream: u16) -> &mut StreamTotals {
@@ -328,9 +369,11 @@ impl RecordingWriter {
         })
     }
 
+    /// Writes what was lost with a chunk: its small records again, its frames as gaps.
     fn note_losses(&mut self, sealing: Sealing) -> Result<(), SequenceError> {
         let Sealing::Lost(labels) = sealing else {
             self.refused_count = 0;
+            self.unsealed.clear();
             return Ok(());
         };
         self.refused_count += 1;
@@ -338,26 +381,32 @@ impl RecordingWriter {
             if label.kind == RecordKind::Frame as u16 {
                 let totals = self.totals_of(label.stream);
                 totals.frames = totals.frames.saturating_sub(1);
+                totals.repeats = totals
+                    .repeats
+                    .saturating_sub(u64::from(label.flags & FLAG_REPEAT));
             }
         }
-        let other_count = labels
-            .iter()
-            .filter(|label| label.kind != RecordKind::Frame as u16)
-            .count();
-        for gap in gaps_of(&labels) {
-            self.write_gap(&gap)?;
-            self.lost.push(gap);
+        let Unsealed {
+            labels: kept,
+            payloads,
+        } = std::mem::take(&mut self.unsealed);
+        let mut rest = payloads.as_slice();
+        for (label, length) in kept {
+            let (payload, behind) = rest.split_at(length);
+            self.append(label, &[payload])?;
+            rest = behind;
         }
-        let details = serde_json::json!({
-            "event": "warning",
-            "message": format!(
-                "the disk refused a chunk; beside its frames, {other_count} other records are gone"
-            ),
-        });
+        for gap in gaps_of(&labels) {
+            self.lost.push(gap.clone());
+            self.write_gap(&gap)?;
+        }
         self.write_event(&Event {
             stream: 0,
             host_nanos: 0,
-            details,
+            details: serde_json::json!({
+                "event": "warning",
+                "message": "the disk refused a chunk; its frames are in gaps",
+            }),
         })?;
         if self.refused_count < MOST_REFUSED {
             Ok(())

@@ -1,10 +1,11 @@
 //! A small recording with everything in it: 64x48 pixels, ten pairs, a gap, a repeat, poses, notes.
 
 use std::path::Path;
+use std::sync::OnceLock;
 
 use geometry::{DQuat, DVec3, Intrinsics, Pose};
 use sequence::chunk_writer::DiskLimits;
-use sequence::codecs::DepthCodec;
+use sequence::codecs::{CodeTable, DepthCodec};
 use sequence::encode::{ColorStreamEncoder, DepthStreamEncoder};
 use sequence::file_layer::FileLayer;
 use sequence::writer::Finished;
@@ -137,12 +138,73 @@ pub(crate) fn split() -> Split {
     }
 }
 
+/// A pair as the encoders make it.
+struct EncodedPair {
+    number: u64,
+    depth: Vec<u8>,
+    /// The table that depth is the first to need.
+    table: Option<CodeTable>,
+    color: Vec<u8>,
+}
+
+/// All pairs, encoded once for all tests.
+fn pairs() -> &'static [EncodedPair] {
+    static PAIRS: OnceLock<Vec<EncodedPair>> = OnceLock::new();
+    PAIRS.get_or_init(|| {
+        let streams = description().streams;
+        let mut depth_encoder = DepthStreamEncoder::new(&streams, DepthCodec::Fast).unwrap();
+        let mut color_encoder = ColorStreamEncoder::new(&streams).unwrap();
+        let encode = |number| {
+            let (depth, table) = depth_encoder.encode(&depth(number)).unwrap();
+            EncodedPair {
+                number,
+                depth: depth.to_vec(),
+                table: table.cloned(),
+                color: color_encoder.encode(&color(number)).unwrap().to_vec(),
+            }
+        };
+        numbers().map(encode).collect()
+    })
+}
+
+/// Times of a frame of a stream.
+pub(crate) fn times_of(stream: u16, number: u64) -> FrameTimes {
+    FrameTimes {
+        is_repeat: stream == DEPTH_STREAM && number == REPEAT,
+        ..times(number)
+    }
+}
+
+/// The payload of the record of a frame; `None` of one that was never written.
+pub(crate) fn payload(stream: u16, number: u64) -> Option<Vec<u8>> {
+    let pair = pairs().iter().find(|pair| pair.number == number)?;
+    let image = match stream {
+        DEPTH_STREAM => &pair.depth,
+        COLOR_STREAM => &pair.color,
+        _ => return None,
+    };
+    let times = times_of(stream, number);
+    let [first, last] = times.host_nanos?;
+    let mut payload = Vec::new();
+    payload.extend_from_slice(&number.to_le_bytes());
+    payload.extend_from_slice(&times.device_ticks?.to_le_bytes());
+    for nanos in [times.device_nanos, first, last] {
+        payload.extend_from_slice(&nanos.to_le_bytes());
+    }
+    let flags = 6 + u64::from(times.is_repeat);
+    payload.extend_from_slice(&flags.to_le_bytes());
+    payload.extend_from_slice(image);
+    Some(payload)
+}
+
 /// Writes the small recording; a chunk is sealed every `chunk_frames` pairs.
 pub(crate) fn write(
     layer: Box<dyn FileLayer>,
     chunk_frames: u64,
 ) -> Result<Finished, SequenceError> {
-    write_within(layer, chunk_frames, limits())
+    let mut writer = begin(layer, limits())?;
+    write_records(&mut writer, chunk_frames, &mut |_| {})?;
+    writer.finish("complete")
 }
 
 /// Small extents, so that short recordings cross them.
@@ -153,62 +215,61 @@ pub(crate) fn limits() -> DiskLimits {
     }
 }
 
-pub(crate) fn write_within(
+pub(crate) fn begin(
     layer: Box<dyn FileLayer>,
-    chunk_frames: u64,
     limits: DiskLimits,
-) -> Result<Finished, SequenceError> {
-    let description = description();
-    let mut writer = RecordingWriter::on(
-        layer,
-        FILE_ID,
-        Path::new("small.glint"),
-        &description,
-        limits,
-    )?;
-    let written = write_records(&mut writer, chunk_frames, &description);
-    match written {
-        Ok(()) => writer.finish("complete"),
-        // As the recorder does: what is in the file is closed with its reason.
-        Err(error) if error.is_disk_full() => writer.finish("disk-full"),
-        Err(error) => Err(error),
-    }
+) -> Result<RecordingWriter, SequenceError> {
+    let path = Path::new("small.glint");
+    RecordingWriter::on(layer, FILE_ID, path, &description(), limits)
 }
 
-fn write_records(
+/// What a writer has accepted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Step {
+    /// A frame.
+    Frame { stream: u16, number: u64 },
+    /// Both gaps.
+    Gaps,
+    /// All before was sealed, or given up.
+    Seal,
+}
+
+/// Writes everything but the end; `done` hears of each step that succeeded.
+pub(crate) fn write_records(
     writer: &mut RecordingWriter,
     chunk_frames: u64,
-    description: &Description,
+    done: &mut dyn FnMut(Step),
 ) -> Result<(), SequenceError> {
-    let mut depth_encoder = DepthStreamEncoder::new(&description.streams, DepthCodec::Fast)?;
-    let mut color_encoder = ColorStreamEncoder::new(&description.streams)?;
     let set = writer.begin_poses("live", "test", DEPTH_STREAM)?;
     writer.write_event(&Event {
         stream: COLOR_STREAM,
         host_nanos: 5_000_000_000,
         details: serde_json::json!({"event": "settings", "exposure_us": 8000, "exposure_locked": true}),
     })?;
-    for number in numbers() {
+    for pair in pairs() {
+        let number = pair.number;
         if number == MISSING + 1 {
             writer.write_gap(&gap(DEPTH_STREAM))?;
             writer.write_gap(&gap(COLOR_STREAM))?;
+            done(Step::Gaps);
         }
-        let (payload, table) = depth_encoder.encode(&depth(number))?;
-        if let Some(table) = table {
+        if let Some(table) = &pair.table {
             writer.write_table(DEPTH_STREAM, table)?;
         }
-        let depth_times = FrameTimes {
-            is_repeat: number == REPEAT,
-            ..times(number)
-        };
-        writer.write_frame(DEPTH_STREAM, &depth_times, payload)?;
-        let payload = color_encoder.encode(&color(number))?.to_vec();
-        writer.write_frame(COLOR_STREAM, &times(number), &payload)?;
+        for (stream, payload) in [(DEPTH_STREAM, &pair.depth), (COLOR_STREAM, &pair.color)] {
+            writer.write_frame(stream, &times_of(stream, number), payload)?;
+            done(Step::Frame { stream, number });
+        }
         writer.write_poses(set, &[pose(number)])?;
         if (number + 1).is_multiple_of(chunk_frames) {
             writer.seal()?;
+            done(Step::Seal);
         }
     }
+    write_closing_records(writer)
+}
+
+fn write_closing_records(writer: &mut RecordingWriter) -> Result<(), SequenceError> {
     writer.write_gravity(
         DEPTH_STREAM,
         &Gravity {
