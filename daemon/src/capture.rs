@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
@@ -16,7 +16,7 @@ use sequence::codecs::DepthCodec;
 use sequence::file_layer::{self, WritePath};
 use sequence::{COLOR_STREAM, Created, DEPTH_STREAM, Description, GapCause};
 
-use crate::disk::{Disk, DiskReport, LayerFactory, Rotation};
+use crate::disk::{Disk, DiskReport, LayerFactory, PreTrigger, Rotation};
 use crate::drops::{self, DropLog};
 use crate::frame::{ColorFrame, DepthFrame, pool};
 use crate::message::{self, MessageKind, MessageSender};
@@ -54,6 +54,10 @@ pub struct CaptureOptions {
     pub reserve_bytes: Option<u64>,
     /// When to go on in another file.
     pub rotation: Rotation,
+    /// Keeps this much in memory and begins with it when SIGUSR1 comes.
+    pub pre_trigger: Option<Duration>,
+    /// What SIGUSR1 sets.
+    pub trigger: Arc<AtomicBool>,
     /// Ends by itself after this time.
     pub duration: Option<Duration>,
     /// The clocks.
@@ -72,6 +76,8 @@ impl CaptureOptions {
             write_path: WritePath::Auto,
             reserve_bytes: None,
             rotation: Rotation::default(),
+            pre_trigger: None,
+            trigger: Arc::default(),
             duration: None,
             clock: HostClock::default(),
             make_layer: None,
@@ -280,20 +286,28 @@ pub fn capture_with(
         .depth_timing
         .rate_hz
         .unwrap_or(ASSUMED_RATE_HZ);
-    let buffer_bytes = (BUFFER_SECONDS * rate_hz).ceil() as usize * (raw_pair_bytes + 1024);
+    let raw_bytes_of = |span: f64| (span * rate_hz).ceil() as usize * (raw_pair_bytes + 1024);
+    let buffer_bytes = raw_bytes_of(BUFFER_SECONDS);
+    let pre_trigger = options.pre_trigger.map(|span| PreTrigger {
+        span,
+        bytes: raw_bytes_of(span.as_secs_f64()) / 2,
+        trigger: Arc::clone(&options.trigger),
+    });
+    let held_bytes = pre_trigger.as_ref().map_or(0, |held| held.bytes);
     let floor_bytes = options.reserve_bytes.unwrap_or_else(|| {
         let minute = FLOOR_SECONDS * rate_hz * raw_pair_bytes as f64;
         LEAST_FLOOR_BYTES.max(minute as u64)
     });
     require_space(&options.output, floor_bytes)?;
     tracing::info!(
-        "buffers: {:.0} MB for frames, {:.0} MB in front of the disk ({BUFFER_SECONDS} s uncompressed)",
+        "buffers: {:.0} MB for frames, {:.0} MB in front of the disk ({BUFFER_SECONDS} s uncompressed), {:.0} MB for the time before the trigger",
         (POOL_FRAMES * raw_pair_bytes) as f64 / 1e6,
-        buffer_bytes as f64 / 1e6
+        buffer_bytes as f64 / 1e6,
+        held_bytes as f64 / 1e6
     );
 
     let status = Status::default();
-    let (sender, receiver) = message::ring(buffer_bytes.max(1 << 20));
+    let (sender, receiver) = message::ring((buffer_bytes + held_bytes).max(1 << 20));
     let write_path = options.write_path;
     let make_layer = options
         .make_layer
@@ -309,6 +323,7 @@ pub fn capture_with(
         &description,
         limits,
         options.rotation,
+        pre_trigger,
         options.clock,
         &status,
         stop,
@@ -383,8 +398,8 @@ pub fn capture_with(
             });
             joined(source.join())??;
             let pairing = joined(pair.join())?;
-            let mut sender = joined(record.join())??;
-            say_last_words(&mut sender, &pairing)?;
+            let sender = joined(record.join())??;
+            say_last_words(sender, &pairing)?;
             disk_bell.unpark();
             Ok((pairing, joined(disk.join())??))
         })?;
@@ -425,7 +440,7 @@ fn watch(
 }
 
 /// What is only known at the end, and that it is the end.
-fn say_last_words(sender: &mut MessageSender, pairing: &PairReport) -> anyhow::Result<()> {
+fn say_last_words(mut sender: MessageSender, pairing: &PairReport) -> anyhow::Result<()> {
     let skews = serde_json::to_vec(&pairing.skews.histogram("pair-skew"))?;
     let messages: [(MessageKind, &[u8]); 2] =
         [(MessageKind::Histogram, &skews), (MessageKind::End, &[])];

@@ -7,6 +7,7 @@ use std::io::IsTerminal as _;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
@@ -99,6 +100,9 @@ struct RecordArgs {
     /// Free space that is left alone, MB (10^6 bytes). Default: 2147, or a minute of recording if that is more.
     #[arg(long, value_name = "MB")]
     reserve_mb: Option<u64>,
+    /// Keep the last S seconds in memory, and begin the recording with them when SIGUSR1 comes.
+    #[arg(long, value_name = "S", value_parser = parse_seconds)]
+    pre_trigger: Option<f64>,
     /// Go on in another file (NAME-002.glint …) at this size, MB (10^6 bytes).
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..))]
     split_mb: Option<u64>,
@@ -227,9 +231,14 @@ fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCode> {
             bytes: args.split_mb.map(|mb| mb.saturating_mul(1_000_000)),
             age: args.split_seconds.map(Duration::from_secs_f64),
         },
+        pre_trigger: args.pre_trigger.map(Duration::from_secs_f64),
         duration: args.duration.map(Duration::from_secs_f64),
         ..CaptureOptions::new(args.source.clone(), output)
     };
+    if options.pre_trigger.is_some() {
+        let signal = signal_hook::consts::SIGUSR1;
+        signal_hook::flag::register(signal, Arc::clone(&options.trigger))?;
+    }
     let bar = progress_bar();
     let mut shown = 0;
     let outcome = capture_with(options, &stop, &mut |status| {

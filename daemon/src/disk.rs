@@ -1,6 +1,8 @@
 //! The disk thread: encoded records go into the file; chunks are sealed, files rotated, a full disk ends all.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use crossbeam::sync::Parker;
@@ -9,7 +11,8 @@ use sequence::codecs::CodeTable;
 use sequence::description::Part;
 use sequence::file_layer::FileLayer;
 use sequence::{
-    Description, FileId, FrameTimes, Gap, GapCause, Histogram, RecordingWriter, SequenceError,
+    Description, Event, FileId, FrameTimes, Gap, GapCause, Histogram, RecordingWriter,
+    SequenceError,
 };
 
 use crate::capture::{EndReason, HostClock, LONGEST_PARK, Status, StopFlag};
@@ -28,6 +31,17 @@ pub struct Rotation {
     pub age: Option<Duration>,
 }
 
+/// A recording that begins before it is asked for: the last frames wait in memory until the trigger.
+#[derive(Clone, Debug)]
+pub struct PreTrigger {
+    /// So much before the trigger is kept.
+    pub span: Duration,
+    /// Memory that may be used for it, bytes.
+    pub bytes: usize,
+    /// Set when the recording is asked for.
+    pub trigger: Arc<AtomicBool>,
+}
+
 /// What the disk thread did.
 #[derive(Debug, Default)]
 pub struct DiskReport {
@@ -37,6 +51,8 @@ pub struct DiskReport {
     pub bytes: u64,
     /// Frames that are in the files.
     pub frames: u64,
+    /// Frames that went before the trigger came.
+    pub not_asked_for: u64,
     /// Frames that repeat their predecessor.
     pub repeats: u64,
     /// Everything that is missing.
@@ -69,6 +85,8 @@ pub struct Disk<'capture> {
     limits: DiskLimits,
     rotation: Rotation,
     clock: HostClock,
+    /// Present until the trigger comes.
+    pre_trigger: Option<PreTrigger>,
     status: &'capture Status,
     stop: &'capture StopFlag,
     path: PathBuf,
@@ -91,6 +109,7 @@ impl<'capture> Disk<'capture> {
         description: &Description,
         limits: DiskLimits,
         rotation: Rotation,
+        pre_trigger: Option<PreTrigger>,
         clock: HostClock,
         status: &'capture Status,
         stop: &'capture StopFlag,
@@ -110,6 +129,7 @@ impl<'capture> Disk<'capture> {
             limits,
             rotation,
             clock,
+            pre_trigger,
             status,
             stop,
             path: path.to_path_buf(),
@@ -135,6 +155,14 @@ impl<'capture> Disk<'capture> {
     ) -> Result<DiskReport, SequenceError> {
         let mut payload = Vec::with_capacity(2 << 20);
         loop {
+            if self.pre_trigger.is_some() {
+                let held = self.hold(&mut payload);
+                self.judge(held)?;
+                if self.pre_trigger.is_some() {
+                    parker.park_timeout(LONGEST_PARK);
+                    continue;
+                }
+            }
             match self.receiver.receive(&mut payload) {
                 Some(head) if head.kind() == MessageKind::End => break,
                 Some(head) => {
@@ -155,6 +183,54 @@ impl<'capture> Disk<'capture> {
         let reason = self.report.failure.unwrap_or_else(reason);
         self.finish(reason)?;
         Ok(self.report)
+    }
+
+    /// Before the trigger: lets the oldest frames go. Comes to an end with the trigger, or with the recording.
+    fn hold(&mut self, payload: &mut Vec<u8>) -> Result<(), SequenceError> {
+        let Some(held) = self.pre_trigger.clone() else {
+            return Ok(());
+        };
+        if held.trigger.load(Ordering::Relaxed) {
+            self.pre_trigger = None;
+            let host_nanos = (self.clock.monotonic)();
+            let details = serde_json::json!({"event": "trigger"});
+            return match &mut self.writer {
+                Some(writer) => writer.write_event(&Event {
+                    stream: 0,
+                    host_nanos,
+                    details,
+                }),
+                None => Ok(()),
+            };
+        }
+        // The recording ends and nobody asked for it.
+        let is_over = !self.receiver.is_connected();
+        while let Some(head) = self.receiver.next_head() {
+            let age = self
+                .receiver
+                .newest_nanos()
+                .saturating_sub(head.device_nanos.get());
+            match head.kind() {
+                MessageKind::End => {
+                    self.pre_trigger = None;
+                    return Ok(());
+                }
+                MessageKind::Frame
+                    if !is_over
+                        && age <= held.span.as_nanos() as i64
+                        && self.receiver.waiting_bytes() <= held.bytes =>
+                {
+                    return Ok(());
+                }
+                _ => {}
+            }
+            self.receiver.receive(payload);
+            self.report.not_asked_for += u64::from(head.kind() == MessageKind::Frame);
+            if head.kind() == MessageKind::Table {
+                self.take(MessageKind::Table, head.stream.get(), payload)?;
+            }
+        }
+        Ok(())
     }
 
     fn take(

@@ -1,9 +1,12 @@
 //! Encoded records in a ring of bytes, between the record thread and the disk.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+
 use ringbuf::traits::{Consumer as _, Observer as _, Producer as _, Split as _};
 use ringbuf::{HeapCons, HeapProd, HeapRb};
 use sequence::layout::{FrameHeader, GapHeader};
-use zerocopy::byteorder::little_endian::{U16, U32, U64};
+use zerocopy::byteorder::little_endian::{I64, U16, U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 /// What a message is.
@@ -33,6 +36,8 @@ pub struct MessageHead {
     pub bytes: U32,
     /// Time spent on it so far, nanoseconds.
     pub work_nanos: U64,
+    /// Device time of a frame, nanoseconds; else that of the newest frame before.
+    pub device_nanos: I64,
 }
 
 /// Bytes of a head.
@@ -52,10 +57,16 @@ impl MessageHead {
 }
 
 /// The end that the record thread has.
-pub struct MessageSender(HeapProd<u8>);
+pub struct MessageSender {
+    ring: HeapProd<u8>,
+    newest_nanos: Arc<AtomicI64>,
+}
 
 /// The end that the disk has.
-pub struct MessageReceiver(HeapCons<u8>);
+pub struct MessageReceiver {
+    ring: HeapCons<u8>,
+    newest_nanos: Arc<AtomicI64>,
+}
 
 /// A ring of `bytes`. Its pages are touched here, so that memory does not grow while recording.
 pub fn ring(bytes: usize) -> (MessageSender, MessageReceiver) {
@@ -63,23 +74,32 @@ pub fn ring(bytes: usize) -> (MessageSender, MessageReceiver) {
     let zeros = [0; 4096];
     while sender.push_slice(&zeros) > 0 {}
     receiver.clear();
-    (MessageSender(sender), MessageReceiver(receiver))
+    let newest_nanos = Arc::new(AtomicI64::new(i64::MIN));
+    let sender = MessageSender {
+        ring: sender,
+        newest_nanos: Arc::clone(&newest_nanos),
+    };
+    let receiver = MessageReceiver {
+        ring: receiver,
+        newest_nanos,
+    };
+    (sender, receiver)
 }
 
 impl MessageSender {
     /// Bytes that can be sent at once.
     pub fn vacant_bytes(&self) -> usize {
-        self.0.vacant_len()
+        self.ring.vacant_len()
     }
 
     /// Whether anybody receives.
     pub fn is_connected(&self) -> bool {
-        self.0.read_is_held()
+        self.ring.read_is_held()
     }
 
     /// Share of the ring that is in use, 0 to 1.
     pub fn fill_fraction(&self) -> f64 {
-        self.0.occupied_len() as f64 / self.0.capacity().get() as f64
+        self.ring.occupied_len() as f64 / self.ring.capacity().get() as f64
     }
 
     /// Sends a message whole; false, and nothing is sent, when it does not fit.
@@ -97,41 +117,67 @@ impl MessageSender {
         if self.vacant_bytes() < HEAD_BYTES + bytes {
             return false;
         }
+        if kind == MessageKind::Frame
+            && let Some((header, _)) = frame_parts(parts[0])
+        {
+            self.newest_nanos
+                .store(header.device_nanos.get(), Ordering::Relaxed);
+        }
         let head = MessageHead {
             kind: (kind as u16).into(),
             stream: stream.into(),
             bytes: length.into(),
             work_nanos: work_nanos.into(),
+            device_nanos: self.newest_nanos.load(Ordering::Relaxed).into(),
         };
-        self.0.push_slice(head.as_bytes());
-        self.0.push_slice(parts[0]);
-        self.0.push_slice(parts[1]);
+        self.ring.push_slice(head.as_bytes());
+        self.ring.push_slice(parts[0]);
+        self.ring.push_slice(parts[1]);
         true
     }
 }
 
 impl MessageReceiver {
-    /// The next message, its bytes in `payload`; `None` when none is whole yet.
-    pub fn receive(&mut self, payload: &mut Vec<u8>) -> Option<MessageHead> {
+    /// The head of the next message; `None` when none is whole yet.
+    pub fn next_head(&self) -> Option<MessageHead> {
         let mut head = [0; HEAD_BYTES];
-        if self.0.occupied_len() < HEAD_BYTES || self.0.peek_slice(&mut head) < HEAD_BYTES {
+        if self.ring.occupied_len() < HEAD_BYTES || self.ring.peek_slice(&mut head) < HEAD_BYTES {
             return None;
         }
         let head = MessageHead::read_from_bytes(&head).ok()?;
-        let bytes = head.bytes.get() as usize;
         // The sender pushes a message in parts.
-        if self.0.occupied_len() < HEAD_BYTES + bytes {
-            return None;
-        }
-        self.0.skip(HEAD_BYTES);
+        let is_whole = self.ring.occupied_len() >= HEAD_BYTES + head.bytes.get() as usize;
+        is_whole.then_some(head)
+    }
+
+    /// Device time of the newest frame that was sent, nanoseconds.
+    pub fn newest_nanos(&self) -> i64 {
+        self.newest_nanos.load(Ordering::Relaxed)
+    }
+
+    /// Whether anybody sends.
+    pub fn is_connected(&self) -> bool {
+        self.ring.write_is_held()
+    }
+
+    /// Bytes that wait.
+    pub fn waiting_bytes(&self) -> usize {
+        self.ring.occupied_len()
+    }
+
+    /// The next message, its bytes in `payload`; `None` when none is whole yet.
+    pub fn receive(&mut self, payload: &mut Vec<u8>) -> Option<MessageHead> {
+        let head = self.next_head()?;
+        let bytes = head.bytes.get() as usize;
+        self.ring.skip(HEAD_BYTES);
         payload.resize(bytes, 0);
-        self.0.pop_slice(payload);
+        self.ring.pop_slice(payload);
         Some(head)
     }
 
     /// Whether nothing is there.
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.ring.is_empty()
     }
 }
 

@@ -26,6 +26,8 @@ pub struct Outcome {
     pub repeats: u64,
     /// Frames that are missing.
     pub gaps: u64,
+    /// Frames that went before the trigger came.
+    pub not_asked_for: u64,
     /// Frames without a partner in the other stream.
     pub unpaired: u64,
     /// What is missing, in words.
@@ -71,6 +73,7 @@ impl Outcome {
             frames_recorded: disk.frames,
             repeats: disk.repeats,
             gaps: disk.gaps.iter().map(|gap| gap.count).sum(),
+            not_asked_for: disk.not_asked_for,
             unpaired: pairing.single_count,
             missing: disk.gaps.iter().map(in_words).collect(),
             wall_s: wall.as_secs_f64(),

@@ -1,6 +1,9 @@
 //! Replays without trouble.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 use glintd::capture::{CaptureOptions, StopFlag, capture};
 use glintd::disk::Rotation;
@@ -153,6 +156,51 @@ fn rounds_go_on_in_numbers_times_and_ticks() {
     }
     let found = verify(&output, true).unwrap();
     assert!(found.is_whole(), "{found:?}");
+}
+
+#[test]
+fn a_recording_begins_before_its_trigger() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = source::write(folder.path(), 400, &[]);
+    // Never asked for: an empty recording that is whole.
+    let silent = folder.path().join("silent.glint");
+    let mut armed = options(&input, "", &silent);
+    armed.pre_trigger = Some(Duration::from_secs(1));
+    let outcome = capture(armed, &StopFlag::default()).unwrap();
+    assert_eq!(
+        (outcome.frames_recorded, outcome.not_asked_for, outcome.gaps),
+        (0, 800, 0)
+    );
+    assert!(verify(&silent, true).unwrap().is_whole());
+    // Asked for by the time frame 150 is on its way: what is in the file goes back a second at most.
+    let output = folder.path().join("out.glint");
+    let mut armed = options(&input, "", &output);
+    armed.pre_trigger = Some(Duration::from_secs(1));
+    let looks = Arc::new(AtomicU64::new(0));
+    let trigger = Arc::clone(&armed.trigger);
+    let outcome = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while looks.fetch_add(1, Ordering::Relaxed) < 200 {
+                std::thread::yield_now();
+            }
+            trigger.store(true, Ordering::Relaxed);
+        });
+        capture(armed, &StopFlag::default()).unwrap()
+    });
+    assert_eq!(
+        outcome.frames_recorded + outcome.not_asked_for,
+        800,
+        "{outcome:?}"
+    );
+    let recording = Recording::open(&output).unwrap();
+    let places = recording.contents().stream(1);
+    let first = places.first().map_or(400, |place| place.label.number);
+    assert!(places.iter().map(|place| place.label.number).eq(first..400));
+    for place in places {
+        let depth = recording.depth_frame(place).unwrap();
+        assert_eq!(depth.pixels(), source::depth(place.label.number));
+    }
+    assert!(verify(&output, true).unwrap().is_whole());
 }
 
 #[test]
