@@ -19,6 +19,7 @@ use sequence::{COLOR_STREAM, Created, DEPTH_STREAM, Description, GapCause};
 use crate::disk::{Disk, DiskReport, LayerFactory, PreTrigger, Rotation};
 use crate::drops::{self, DropLog};
 use crate::frame::{ColorFrame, DepthFrame, pool};
+use crate::latency::Work;
 use crate::message::{self, MessageKind, MessageSender};
 use crate::outcome::Outcome;
 use crate::pair::{PairReport, Sent, Unit, pair_frames};
@@ -445,7 +446,7 @@ fn say_last_words(mut sender: MessageSender, pairing: &PairReport) -> anyhow::Re
     let messages: [(MessageKind, &[u8]); 2] =
         [(MessageKind::Histogram, &skews), (MessageKind::End, &[])];
     for (kind, payload) in messages {
-        while !sender.send(kind, 0, 0, [payload, &[]]) {
+        while !sender.send(kind, 0, Work::default(), [payload, &[]]) {
             anyhow::ensure!(sender.is_connected(), "the disk thread is gone");
             std::thread::sleep(Duration::from_millis(1));
         }

@@ -16,7 +16,7 @@ use sequence::{
 };
 
 use crate::capture::{EndReason, HostClock, LONGEST_PARK, Status, StopFlag};
-use crate::latency::Latencies;
+use crate::latency::{Latencies, Work};
 use crate::message::{MessageKind, MessageReceiver, frame_parts, gap_parts};
 
 /// Makes the file of a path.
@@ -59,10 +59,10 @@ pub struct DiskReport {
     pub gaps: Vec<Gap>,
     /// Device times of the first and the last frame, nanoseconds.
     pub device_nanos: Option<[i64; 2]>,
-    /// Work for a frame of either stream: encode and store.
-    pub frame_work: Latencies,
-    /// Work for a depth frame and the colour frame after it.
-    pub pair_work: Latencies,
+    /// Time that passed to encode and store a depth frame and the colour frame after it.
+    pub pair_wall: Latencies,
+    /// The same in time of a processor.
+    pub pair_core: Latencies,
     /// Time to make a chunk durable.
     pub seals: Latencies,
     /// What ended the recording, when it was the disk.
@@ -94,7 +94,7 @@ pub struct Disk<'capture> {
     begun: Instant,
     first_file_id: FileId,
     table: Option<(u16, CodeTable)>,
-    depth_work: Option<u64>,
+    depth_work: Option<Work>,
     /// Stream and number of the frames that are not durable yet.
     unsealed: Vec<(u16, u64)>,
     report: DiskReport,
@@ -167,12 +167,11 @@ impl<'capture> Disk<'capture> {
                 Some(head) if head.kind() == MessageKind::End => break,
                 Some(head) => {
                     let stream = head.stream.get();
-                    let begun = Instant::now();
+                    let begun = Work::begin();
                     let result = self.take(head.kind(), stream, &payload);
                     self.judge(result)?;
                     if head.kind() == MessageKind::Frame {
-                        let work = head.work_nanos.get() + begun.elapsed().as_nanos() as u64;
-                        self.count_work(stream, work);
+                        self.count_work(stream, head.work().and(begun.end()));
                     }
                 }
                 None => parker.park_timeout(LONGEST_PARK),
@@ -459,14 +458,13 @@ impl<'capture> Disk<'capture> {
         }
     }
 
-    fn count_work(&mut self, stream: u16, nanos: u64) {
-        self.report.frame_work.add(Duration::from_nanos(nanos));
+    fn count_work(&mut self, stream: u16, work: Work) {
         if stream == sequence::DEPTH_STREAM {
-            self.depth_work = Some(nanos);
+            self.depth_work = Some(work);
         } else if let Some(depth) = self.depth_work.take() {
-            self.report
-                .pair_work
-                .add(Duration::from_nanos(depth + nanos));
+            let pair = depth.and(work);
+            self.report.pair_wall.add_nanos(pair.wall_nanos);
+            self.report.pair_core.add_nanos(pair.core_nanos);
         }
     }
 }

@@ -1,6 +1,63 @@
 //! How long things took, without keeping each.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+use rustix::time::{ClockId, clock_gettime};
+
+/// What a piece of work took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Time that passed, nanoseconds.
+    pub wall_nanos: u64,
+    /// Time of a processor, nanoseconds.
+    pub core_nanos: u64,
+}
+
+/// Work that is being done by this thread.
+#[derive(Clone, Copy, Debug)]
+pub struct Begun {
+    wall: Instant,
+    core_nanos: u64,
+}
+
+impl Work {
+    /// Begins now.
+    pub fn begin() -> Begun {
+        Begun {
+            wall: Instant::now(),
+            core_nanos: thread_nanos(),
+        }
+    }
+
+    /// This work and that.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            wall_nanos: self.wall_nanos.saturating_add(other.wall_nanos),
+            core_nanos: self.core_nanos.saturating_add(other.core_nanos),
+        }
+    }
+}
+
+impl Begun {
+    /// Ends now, in the thread that began.
+    pub fn end(self) -> Work {
+        Work {
+            wall_nanos: u64::try_from(self.wall.elapsed().as_nanos()).unwrap_or(u64::MAX),
+            core_nanos: thread_nanos().saturating_sub(self.core_nanos),
+        }
+    }
+}
+
+/// Processor time of this thread.
+fn thread_nanos() -> u64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    let nanos = time
+        .tv_sec
+        .saturating_mul(1_000_000_000)
+        .saturating_add(time.tv_nsec);
+    u64::try_from(nanos).unwrap_or_default()
+}
 
 /// Durations from a microsecond to a minute, to three digits; memory is made once.
 #[derive(Clone, Debug)]
@@ -17,6 +74,11 @@ impl Default for Latencies {
 }
 
 impl Latencies {
+    /// Counts nanoseconds.
+    pub fn add_nanos(&mut self, nanos: u64) {
+        self.add(Duration::from_nanos(nanos));
+    }
+
     /// Counts a duration; one beyond a minute counts as a minute.
     pub fn add(&mut self, duration: Duration) {
         let micros = u64::try_from(duration.as_micros()).unwrap_or(u64::MAX);

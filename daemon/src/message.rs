@@ -9,6 +9,8 @@ use sequence::layout::{FrameHeader, GapHeader};
 use zerocopy::byteorder::little_endian::{I64, U16, U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
+use crate::latency::Work;
+
 /// What a message is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
@@ -34,8 +36,8 @@ pub struct MessageHead {
     pub stream: U16,
     /// Bytes that follow.
     pub bytes: U32,
-    /// Time spent on it so far, nanoseconds.
-    pub work_nanos: U64,
+    wall_nanos: U64,
+    core_nanos: U64,
     /// Device time of a frame, nanoseconds; else that of the newest frame before.
     pub device_nanos: I64,
 }
@@ -44,6 +46,14 @@ pub struct MessageHead {
 pub const HEAD_BYTES: usize = size_of::<MessageHead>();
 
 impl MessageHead {
+    /// What it took so far.
+    pub fn work(&self) -> Work {
+        Work {
+            wall_nanos: self.wall_nanos.get(),
+            core_nanos: self.core_nanos.get(),
+        }
+    }
+
     /// What the message is.
     pub fn kind(&self) -> MessageKind {
         match self.kind.get() {
@@ -103,13 +113,7 @@ impl MessageSender {
     }
 
     /// Sends a message whole; false, and nothing is sent, when it does not fit.
-    pub fn send(
-        &mut self,
-        kind: MessageKind,
-        stream: u16,
-        work_nanos: u64,
-        parts: [&[u8]; 2],
-    ) -> bool {
+    pub fn send(&mut self, kind: MessageKind, stream: u16, work: Work, parts: [&[u8]; 2]) -> bool {
         let bytes = parts[0].len() + parts[1].len();
         let Ok(length) = u32::try_from(bytes) else {
             return false;
@@ -127,7 +131,8 @@ impl MessageSender {
             kind: (kind as u16).into(),
             stream: stream.into(),
             bytes: length.into(),
-            work_nanos: work_nanos.into(),
+            wall_nanos: work.wall_nanos.into(),
+            core_nanos: work.core_nanos.into(),
             device_nanos: self.newest_nanos.load(Ordering::Relaxed).into(),
         };
         self.ring.push_slice(head.as_bytes());
@@ -201,9 +206,14 @@ mod tests {
         let mut payload = Vec::new();
         for round in 0..50_u8 {
             let body = vec![round; 60];
-            assert!(sender.send(MessageKind::Frame, 2, 7, [&body[..20], &body[20..]]));
-            assert!(sender.send(MessageKind::Table, 1, 0, [&[round], &[]]));
-            assert!(!sender.send(MessageKind::Frame, 2, 7, [&[0; 120], &[]]));
+            assert!(sender.send(
+                MessageKind::Frame,
+                2,
+                Work::default(),
+                [&body[..20], &body[20..]]
+            ));
+            assert!(sender.send(MessageKind::Table, 1, Work::default(), [&[round], &[]]));
+            assert!(!sender.send(MessageKind::Frame, 2, Work::default(), [&[0; 120], &[]]));
             let head = receiver.receive(&mut payload).unwrap();
             assert_eq!((head.kind(), head.stream.get()), (MessageKind::Frame, 2));
             assert_eq!(payload, body);

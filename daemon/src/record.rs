@@ -1,7 +1,7 @@
 //! The record thread: frames are encoded and handed to the disk. It never waits for the disk, unless the source
 //! can be paused.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crossbeam::channel::Receiver;
 use crossbeam::sync::{Parker, Unparker};
@@ -16,6 +16,7 @@ use zerocopy::IntoBytes as _;
 use crate::capture::{LONGEST_PARK, Status};
 use crate::drops::Drop;
 use crate::frame::{ColorFrame, DepthFrame, Returns};
+use crate::latency::Work;
 use crate::message::{HEAD_BYTES, MessageKind, MessageSender};
 use crate::pair::Unit;
 
@@ -174,7 +175,7 @@ impl<'status> Recorder<'status> {
     }
 
     fn record_depth(&mut self, frame: &DepthFrame) -> Result<(), SequenceError> {
-        let begun = Instant::now();
+        let begun = Work::begin();
         let times = FrameTimes {
             is_repeat: self.last[0].nanos.is_some() && self.previous_depth == frame.samples,
             ..frame.times
@@ -186,12 +187,15 @@ impl<'status> Recorder<'status> {
         let (payload, table) = self.depth_encoder.encode(&frame.samples)?;
         if let Some(table) = table {
             let bytes = CodeTable::to_bytes(table);
-            self.ends
-                .to
-                .send(MessageKind::Table, DEPTH_STREAM, 0, [&bytes, &[]]);
+            self.ends.to.send(
+                MessageKind::Table,
+                DEPTH_STREAM,
+                Work::default(),
+                [&bytes, &[]],
+            );
         }
         let header = times.header();
-        let work = nanos_since(begun);
+        let work = begun.end();
         let parts = [header.as_bytes(), payload];
         self.ends
             .to
@@ -201,7 +205,7 @@ impl<'status> Recorder<'status> {
     }
 
     fn record_color(&mut self, frame: &ColorFrame) -> Result<(), SequenceError> {
-        let begun = Instant::now();
+        let begun = Work::begin();
         let times = FrameTimes {
             is_repeat: self.last[1].nanos.is_some() && self.previous_color == frame.bytes,
             ..frame.times
@@ -212,7 +216,7 @@ impl<'status> Recorder<'status> {
         }
         let payload = self.color_encoder.encode(&frame.bytes)?;
         let header = times.header();
-        let work = nanos_since(begun);
+        let work = begun.end();
         let parts = [header.as_bytes(), payload];
         self.ends
             .to
@@ -262,7 +266,12 @@ impl<'status> Recorder<'status> {
             gap.from_nanos = state.nanos;
             gap.to_nanos = nanos;
             // One that does not fit stays for the next time.
-            !to.send(MessageKind::Gap, stream, 0, [gap.header().as_bytes(), &[]])
+            !to.send(
+                MessageKind::Gap,
+                stream,
+                Work::default(),
+                [gap.header().as_bytes(), &[]],
+            )
         });
     }
 
@@ -289,8 +298,4 @@ impl<'status> Recorder<'status> {
 
 fn index_of(stream: u16) -> usize {
     usize::from(stream == COLOR_STREAM)
-}
-
-fn nanos_since(begun: Instant) -> u64 {
-    u64::try_from(begun.elapsed().as_nanos()).unwrap_or(u64::MAX)
 }

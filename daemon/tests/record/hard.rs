@@ -6,6 +6,7 @@ use crossbeam::sync::Parker;
 use glintd::capture::{HostClock, Status, StopFlag, capture};
 use glintd::drops;
 use glintd::frame::{ColorFrame, DepthFrame, pool};
+use glintd::latency::Work;
 use glintd::message::{self, MessageKind, frame_parts, gap_parts};
 use glintd::pair::Unit;
 use glintd::record::{RecordEnds, Recorder};
@@ -209,7 +210,12 @@ fn hc_k11_a_disk_that_stands_still_costs_whole_pairs_and_the_gap_is_exact() {
     let (mut naive, mut receiver) = message::ring(24_000);
     for number in 0..frame_count as u64 {
         let header = source::times(number).header();
-        naive.send(MessageKind::Frame, 1, 0, [header.as_bytes(), &[0; 1000]]);
+        naive.send(
+            MessageKind::Frame,
+            1,
+            Work::default(),
+            [header.as_bytes(), &[0; 1000]],
+        );
     }
     let mut payload = Vec::new();
     let received = std::iter::from_fn(|| receiver.receive(&mut payload)).count();
