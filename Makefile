@@ -3,6 +3,7 @@
 #   make demo    build, train the bundled recording, evaluate, write demo/report.html
 #   make test    the whole test suite (what CI runs)
 #   make lint    formatting and clippy, warnings are errors
+#   make soak    the recorder under load for 12 minutes: a late disk, busy loops, 200 kills
 #   make peers   comparisons with Open3D and Embree (installs them in .venv; needs ../shared/data)
 #   make clean   remove what the commands made
 
@@ -19,8 +20,9 @@ TRUTH_ALPHA := 0.02
 
 TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
 GLINT := $(TARGET_DIR)/release/glint
+SOAK := $(or $(TMPDIR),/tmp)/glint-soak.glint
 
-.PHONY: help setup build demo test lint peers clean
+.PHONY: help setup build demo test lint soak peers clean
 
 help:
 	@sed -n 's/^#   make/make/p' $(firstword $(MAKEFILE_LIST))
@@ -34,7 +36,7 @@ setup:
 	  else echo "no C compiler: run  sudo apt-get install build-essential"; exit 2; fi; }
 
 build: setup
-	$(CARGO) build --locked --release -p glint
+	$(CARGO) build --locked --release -p glint -p glintd
 
 demo: build
 	$(GLINT) train $(RECORDING) -o $(DEMO)/run --profile draft --overwrite
@@ -52,6 +54,14 @@ test: setup
 lint: setup
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --locked --workspace --all-targets -- -D warnings
+
+# Ten minutes of the bundled recording, round and round at the speed of the camera; then 200 kills.
+soak: setup
+	rm -f $(SOAK)
+	$(CARGO) run --locked --release -p glintd --example soak -- $(RECORDING) $(SOAK) 600
+	rm -f $(SOAK)
+	GLINT_KILLS=200 GLINT_KILL_SOURCE=$(CURDIR)/$(RECORDING) \
+	  $(CARGO) test --locked --release -p glintd --test program -- kill --nocapture
 
 peers: setup
 	python3 -m venv .venv
