@@ -203,6 +203,73 @@ fn a_range_is_cut_with_its_numbers() {
     );
 }
 
+/// A file system in memory, as long as it lives.
+struct SmallDisk(tempfile::TempDir);
+
+impl SmallDisk {
+    /// `None` where this user may not mount.
+    fn mount(size: &str) -> Option<Self> {
+        let folder = tempfile::tempdir().unwrap();
+        let mounted = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", &format!("size={size}"), "tmpfs"])
+            .arg(folder.path())
+            .output();
+        mounted
+            .is_ok_and(|output| output.status.success())
+            .then_some(Self(folder))
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(self.0.path()).status();
+    }
+}
+
+#[test]
+fn a_small_disk_that_fills_up_holds_a_valid_file_and_code_3_lists_what_is_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = source::write(folder.path(), 3000, &[]);
+    let Some(disk) = SmallDisk::mount("1m") else {
+        println!("skipped a_small_disk_that_fills_up…: no right to mount a tmpfs");
+        return;
+    };
+    for write_path in ["auto", "mapped", "pwrite"] {
+        let output = disk.0.path().join("out.glint");
+        let replay = format!("replay:{}?speed=max", input.display());
+        let recorded = glintd(&[
+            "record",
+            &replay,
+            "-o",
+            output.to_str().unwrap(),
+            "--no-fuse",
+            "--json",
+            "--reserve-mb",
+            "0",
+            "--write-path",
+            write_path,
+        ]);
+        let said = summary(&recorded);
+        assert_eq!(
+            (recorded.status.code(), said["reason"].as_str()),
+            (Some(3), Some("disk-full"))
+        );
+        let count = |key: &str| said[key].as_u64().unwrap();
+        assert_eq!(count("frames_in"), count("frames_recorded") + count("gaps"));
+        let found = verify(&output, true).unwrap();
+        assert!(found.findings.is_empty(), "{found:?}");
+        assert_eq!(
+            found.missing.len(),
+            said["missing"].as_array().unwrap().len()
+        );
+        assert_eq!(
+            sealed(&output).iter().sum::<usize>() as u64,
+            count("frames_recorded")
+        );
+        std::fs::remove_file(&output).unwrap();
+    }
+}
+
 /// A recorder that goes on for ever.
 fn endless(input: &Path, output: &Path) -> Child {
     Command::new(env!("CARGO_BIN_EXE_glintd"))
