@@ -9,6 +9,7 @@ use std::path::Path;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64Mcg;
+use sequence::file_layer::{self, WritePath};
 use sequence::layout::{ChunkHeader, FileHeader, PAGE, RECORDS_OFFSET, chunk_end};
 use sequence::scan::{Checking, Scanner};
 use sequence::source::{ByteSource, PreadFile};
@@ -218,7 +219,7 @@ fn make_evil(bytes: &mut [u8], random: &mut Pcg64Mcg) {
     if at + width <= bytes.len() {
         bytes[at..at + width].copy_from_slice(&value.to_le_bytes()[..width]);
     }
-    seal::everything(bytes, small::FILE_ID);
+    seal::everything(bytes);
 }
 
 /// Room that a reader believing every length would make for a file: the largest claim.
@@ -260,6 +261,44 @@ fn hc_k14_no_claim_makes_room_or_work_beyond_the_file() {
     assert!(naive_most > 1 << 31);
     assert!(most <= longest);
     assert!(most_work <= 64);
+}
+
+#[test]
+fn hc_k05_a_bomb_costs_its_frame_and_no_memory() {
+    // A gigabyte of zeros as one zstd frame, made in pieces.
+    let zeros = vec![0; 1 << 20];
+    let mut encoder = zstd::Encoder::new(Vec::new(), 1).unwrap();
+    for _ in 0..1 << 10 {
+        encoder.write_all(&zeros).unwrap();
+    }
+    let bomb = [&[1, 0, 0], encoder.finish().unwrap().as_slice()].concat();
+    // Bite: a decoder that believes what comes out of it.
+    let naive: u64 = io::copy(
+        &mut zstd::Decoder::new(&bomb[3..]).unwrap(),
+        &mut io::sink(),
+    )
+    .unwrap();
+    assert_eq!(naive, GIB);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bomb.glint");
+    let layer = file_layer::create(&path, WritePath::Pwrite).unwrap();
+    let mut writer = small::begin(layer, small::limits()).unwrap();
+    small::write_records(&mut writer, 3, &mut |_| {}).unwrap();
+    let times = small::times(small::FRAME_COUNT + 1);
+    writer.write_frame(DEPTH_STREAM, &times, &bomb).unwrap();
+    writer.finish("complete").unwrap();
+    let recording = Recording::open(&path).unwrap();
+    let places = recording.contents().stream(DEPTH_STREAM);
+    let (bomb_place, others) = places.split_last().unwrap();
+    assert!(recording.depth_frame(bomb_place).is_err());
+    for place in others {
+        let samples = recording.depth_frame(place).unwrap();
+        assert_eq!(samples.pixels(), small::depth(place.label.number));
+    }
+    println!(
+        "k05: a bomb of {} bytes for {naive} is refused, 0 other frames lost, tolerance 0",
+        bomb.len()
+    );
 }
 
 /// A file that another program cuts between two reads.

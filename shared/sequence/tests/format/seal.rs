@@ -2,7 +2,7 @@
 
 use sequence::FileId;
 use sequence::layout::{
-    CHUNK_MAGIC, ChunkHeader, PAGE, RECORD_MAGIC, RECORDS_OFFSET, RecordHeader,
+    CHUNK_MAGIC, ChunkHeader, FileHeader, PAGE, RECORD_MAGIC, RECORDS_OFFSET, RecordHeader,
 };
 use zerocopy::{FromBytes as _, IntoBytes as _};
 
@@ -34,17 +34,21 @@ pub(crate) fn chunk(bytes: &mut [u8], start: usize) {
     bytes[start..start + both.len()].copy_from_slice(&both);
 }
 
-/// Makes all sums of a file right.
-pub(crate) fn everything(bytes: &mut [u8], file_id: FileId) {
-    let starts_with =
-        |bytes: &[u8], offset: usize, magic: &[u8]| bytes[offset..].starts_with(magic);
+/// Makes all sums of a file right, under the id in its header.
+pub(crate) fn everything(bytes: &mut [u8]) {
+    let Ok((mut header, _)) = FileHeader::read_from_prefix(bytes) else {
+        return;
+    };
+    header.crc = crc32c::crc32c(&header.as_bytes()[..60]).into();
+    bytes[..size_of::<FileHeader>()].copy_from_slice(header.as_bytes());
+    let file_id = FileId(header.file_id);
     for offset in (PAGE as usize..bytes.len()).step_by(8) {
-        if starts_with(bytes, offset, &RECORD_MAGIC) {
+        if bytes[offset..].starts_with(&RECORD_MAGIC) {
             record(bytes, file_id, offset);
         }
     }
     for start in (PAGE as usize..bytes.len()).step_by(PAGE as usize) {
-        if starts_with(bytes, start, &CHUNK_MAGIC) {
+        if bytes[start..].starts_with(&CHUNK_MAGIC) {
             chunk(bytes, start);
         }
     }
