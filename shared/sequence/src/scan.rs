@@ -190,10 +190,9 @@ impl<'source, S: ByteSource + ?Sized> Scanner<'source, S> {
         if let Some((header, mark)) = self.headers(start)?
             && let Some(end) = chunk_end(start, header.records_bytes.get())
             && start + RECORDS_OFFSET + header.records_bytes.get() <= self.byte_count
+            && (is_commit(&mark, &header) || self.is_whole(start, &header)?)
         {
-            if is_commit(&mark, &header) || self.is_whole(start, &header)? {
-                return self.chunk(&header, &mark, end).map(Some);
-            }
+            return self.chunk(&header, &mark, end).map(Some);
         }
         match self.find_header(start + PAGE)? {
             Some(next) => self.headless(start, next).map(Some),

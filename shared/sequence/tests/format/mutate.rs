@@ -103,7 +103,7 @@ impl Corpus {
                 // Tables of files with one id may be mixed by a splice.
                 let is_known = fingerprints(&held).all(|frame| self.frames.contains(&frame));
                 assert!(is_sealed || is_spliced || is_known, "a frame was made up");
-                if counts.execution_count % MAP_EVERY == 0 {
+                if counts.execution_count.is_multiple_of(MAP_EVERY) {
                     self.map(&bytes);
                 }
             }
@@ -213,7 +213,7 @@ fn record_field(bytes: &mut [u8], random: &mut Pcg64Mcg) {
 }
 
 /// Puts another word where one stands in some JSON.
-fn word(bytes: &mut Vec<u8>, random: &mut Pcg64Mcg) {
+fn word(bytes: &mut [u8], random: &mut Pcg64Mcg) {
     let colons: Vec<usize> = (0..bytes.len().saturating_sub(1))
         .filter(|at| bytes[*at] == b':')
         .collect();
