@@ -24,7 +24,10 @@ struct Base {
 
 impl Base {
     fn new() -> Outcome<Self> {
-        let scene = Scene::default();
+        Self::of(Scene::default())
+    }
+
+    fn of(scene: Scene) -> Outcome<Self> {
         let bytes = written(&scene)?;
         let mut chunks = Vec::new();
         let mut records = Vec::new();
@@ -301,7 +304,32 @@ pub(crate) fn of_records(vectors: &mut Vectors) -> Outcome {
         Some(holds),
         "all copies of the tables: no depth can be decoded, the colour can",
     )?;
+    tables_of_one_chunk(vectors)?;
     padding(vectors, &base)
+}
+
+/// A table that is extended within its chunk, and so is in no later one.
+fn tables_of_one_chunk(vectors: &mut Vectors) -> Outcome {
+    let base = Base::of(crate::dense_yuyv())?;
+    let mut seen = Vec::new();
+    let mut flips = Vec::new();
+    for place in base.of_kind(RecordKind::DepthTable) {
+        let at = place.offset as usize + 24;
+        let payload = &base.bytes[at..at + place.payload_bytes as usize];
+        if !seen.contains(&payload) {
+            seen.push(payload);
+            flips.push(flip(place.offset + 30));
+        }
+    }
+    let mut holds = base.loses(&[], &["record", "record"]);
+    holds.insert("lost".to_owned(), json!(["kind 2", "kind 2"]));
+    vectors.add(
+        "tables-of-one-chunk",
+        "dense-yuyv.glint",
+        &flips,
+        Some(holds),
+        "the first copies of two tables, of which the first is in no other chunk: the second copies serve",
+    )
 }
 
 /// Bytes that hold nothing.

@@ -111,6 +111,16 @@ fn main() -> Outcome {
     Ok(())
 }
 
+/// Both tables and all frames in one chunk.
+fn dense_yuyv() -> Scene {
+    Scene {
+        codec: DepthCodec::Dense,
+        encoding: ColorEncoding::Yuyv,
+        seal_after: Vec::new(),
+        ..Scene::default()
+    }
+}
+
 /// Every format of both streams.
 fn formats(vectors: &mut Vectors) -> Outcome {
     let describes = "three chunks with a record of every kind: depth in values by two tables, a Bayer mosaic, a \
@@ -131,11 +141,7 @@ fn formats(vectors: &mut Vectors) -> Outcome {
     )?;
     vectors.whole(
         "dense-yuyv",
-        &Scene {
-            codec: DepthCodec::Dense,
-            encoding: ColorEncoding::Yuyv,
-            ..one_chunk()
-        },
+        &dense_yuyv(),
         "depth in values by two tables, dense; YUYV",
     )?;
     vectors.whole(
