@@ -18,6 +18,7 @@ use crate::tiny::Scene;
 mod damage;
 #[path = "../../tests/format/edit.rs"]
 mod edit;
+mod foreign;
 #[path = "../../tests/format/holding.rs"]
 mod holding;
 #[path = "../../tests/format/memory.rs"]
@@ -103,8 +104,8 @@ fn main() -> Outcome {
     damage::of_chunks(&mut vectors)?;
     damage::of_records(&mut vectors)?;
     damage::of_length(&mut vectors)?;
-    damage::foreign(&mut vectors)?;
-    damage::hostile(&mut vectors)?;
+    foreign::bytes(&mut vectors)?;
+    foreign::claims(&mut vectors)?;
     let index = serde_json::to_string_pretty(&vectors.index)?;
     std::fs::write(vectors.folder.join("index.json"), index + "\n")?;
     println!("{} vectors", vectors.index.len());
