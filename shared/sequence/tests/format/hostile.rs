@@ -10,7 +10,7 @@ use std::path::Path;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64Mcg;
 use sequence::file_layer::{self, WritePath};
-use sequence::layout::{ChunkHeader, FileHeader, PAGE, RECORDS_OFFSET, chunk_end};
+use sequence::layout::{ChunkHeader, FileHeader, IndexBytes, PAGE, RECORDS_OFFSET, chunk_end};
 use sequence::scan::{Checking, Scanner};
 use sequence::source::{ByteSource, PreadFile};
 use sequence::{Contents, DEPTH_STREAM, Recording};
@@ -261,6 +261,88 @@ fn hc_k14_no_claim_makes_room_or_work_beyond_the_file() {
     assert!(naive_most > 1 << 31);
     assert!(most <= longest);
     assert!(most_work <= 64);
+}
+
+/// Bytes that reading `bytes` asks for, over their number.
+fn work_of(bytes: &[u8]) -> u64 {
+    let source = Measured {
+        bytes,
+        most: Cell::new(0),
+        total: Cell::new(0),
+    };
+    let _ = Contents::read(&source, Checking::Everything);
+    source.total.get() / bytes.len() as u64
+}
+
+#[test]
+fn work_grows_with_the_file_and_not_with_its_square() {
+    // A chunk on every page that claims all the rest, has no mark and another sum.
+    let mut bytes = vec![0x55; 4 << 20];
+    bytes[..PAGE as usize].copy_from_slice(&FileHeader::page(small::FILE_ID));
+    let page_count = bytes.len() as u64 / PAGE;
+    for number in 1..page_count {
+        let start = (number * PAGE) as usize;
+        let rest = (bytes.len() - start) as u64 - RECORDS_OFFSET;
+        let header = ChunkHeader::sealed(small::FILE_ID, number, rest, 9, 128, 0, 1);
+        bytes[start..start + 64].copy_from_slice(header.as_bytes());
+    }
+    let by_headers = work_of(&bytes);
+    // Records in records: each claims the next ones as its payload.
+    bytes[PAGE as usize..].fill(0);
+    for start in (PAGE as usize..bytes.len() - 24).step_by(32) {
+        let rest = (bytes.len() - start - 24) as u32;
+        bytes[start..start + 4].copy_from_slice(b"gRec");
+        bytes[start + 8..start + 12].copy_from_slice(&rest.to_le_bytes());
+    }
+    let by_records = work_of(&bytes);
+    // An index that names one long record again and again.
+    let whole = recording(100);
+    let index = whole.len() - whole.iter().rev().position(|byte| *byte != 0).unwrap();
+    let many = naming_one_record(&whole, index);
+    let by_index = work_of(&many);
+    println!(
+        "work in lengths of the file: headers {by_headers}, records {by_records}, index {by_index}"
+    );
+    // A window of 256 KiB on each page makes 64; without a bound the headers would make 512.
+    assert!(by_headers <= 80 && by_records <= 80 && by_index <= 80);
+}
+
+/// A recording of one chunk whose index has 4000 entries for its longest record.
+fn naming_one_record(whole: &[u8], end: usize) -> Vec<u8> {
+    let mut bytes = whole[..end.next_multiple_of(8)].to_vec();
+    let start = PAGE as usize;
+    let places = Scanner::begin(whole, Checking::Marks)
+        .unwrap()
+        .next_chunk()
+        .unwrap()
+        .unwrap();
+    let longest = places
+        .records
+        .iter()
+        .max_by_key(|place| place.payload_bytes)
+        .unwrap();
+    let entry = IndexBytes {
+        offset: ((longest.offset - PAGE) as u32).into(),
+        payload_bytes: longest.payload_bytes.into(),
+        // A note: such records are read at once.
+        kind: 10.into(),
+        stream: 0.into(),
+        flags: 0.into(),
+        number: 0.into(),
+        device_nanos: 0.into(),
+        sequence: 0.into(),
+    };
+    let entries = entry.as_bytes().repeat(4000);
+    let offset = bytes.len() - start;
+    bytes.extend_from_slice(b"gRec\x0c\0\0\0");
+    bytes.extend_from_slice(&(entries.len() as u32).to_le_bytes());
+    bytes.extend_from_slice(&[0; 12]);
+    bytes.extend_from_slice(&entries);
+    let records_bytes = (bytes.len() - start) as u64 - RECORDS_OFFSET;
+    bytes[start + 32..start + 40].copy_from_slice(&records_bytes.to_le_bytes());
+    bytes[start + 44..start + 48].copy_from_slice(&(offset as u32).to_le_bytes());
+    seal::everything(&mut bytes);
+    bytes
 }
 
 #[test]
