@@ -182,8 +182,12 @@ class Reader:
         if index is None or index.kind != INDEX or len(index.payload) % 40:
             return None
         entries = list(struct.iter_unpack("<IIHHIQqQ", index.payload))
-        fit = all(HEADER <= entry[0] and entry[0] + RECORD + entry[1] <= chunk.index for entry in entries)
-        return entries if fit and all(entry[0] % 8 == 0 for entry in entries) else None
+        free_from = HEADER
+        for offset, length, *_ in entries:
+            if offset < free_from or offset % 8:
+                return None
+            free_from = (offset + RECORD + length + 7) // 8 * 8
+        return entries if free_from <= chunk.index else None
 
 
 def poses_of(records):

@@ -161,13 +161,10 @@ impl Contents {
             return Ok(());
         }
         let Some(payload) = scanner.payload(place)? else {
-            let damage = Damage::Record {
+            self.damages.push(Damage::Record {
                 offset: place.offset,
                 label: place.label,
-            };
-            if !self.damages.contains(&damage) {
-                self.damages.push(damage);
-            }
+            });
             return Ok(());
         };
         self.take(kind, stream, &payload)

@@ -394,12 +394,15 @@ impl<'source, S: ByteSource + ?Sized> Scanner<'source, S> {
             return Ok(None);
         };
         let mut records = Vec::with_capacity(entries.len() + 1);
+        let mut free_from = RECORDS_OFFSET;
         for entry in entries {
             let entry_offset = u64::from(entry.offset.get());
             let entry_end = entry_offset + record_bytes(u64::from(entry.payload_bytes.get()));
-            if entry_offset < RECORDS_OFFSET || entry_end > offset || entry_offset % 8 != 0 {
+            // In the order of the file: no record is read more than once, whatever an index says.
+            if entry_offset < free_from || entry_end > offset || entry_offset % 8 != 0 {
                 return Ok(None);
             }
+            free_from = entry_end;
             records.push(RecordPlace {
                 offset: start + entry_offset,
                 payload_bytes: entry.payload_bytes.get(),

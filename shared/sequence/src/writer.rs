@@ -184,8 +184,10 @@ impl RecordingWriter {
     /// Stores a table of depth codes, before the first frame that names it.
     pub fn write_table(&mut self, stream: u16, table: &CodeTable) -> Result<(), SequenceError> {
         let bytes = table.to_bytes();
-        // The number keeps earlier tables of the stream, whose frames still need them in this chunk.
         let label = RecordLabel::of(RecordKind::DepthTable, stream);
+        // Twice: a table that is extended within its chunk is in no later one, and a flipped bit in its only
+        // copy would cost all frames that name it.
+        self.append(label, &[&bytes])?;
         self.append(label, &[&bytes])?;
         // A table extends the one before: later chunks need the last one only.
         self.chunks.put_in_preamble(label, bytes);

@@ -18,6 +18,7 @@ use crate::tiny::Scene;
 mod damage;
 #[path = "../../tests/format/edit.rs"]
 mod edit;
+mod foreign;
 #[path = "../../tests/format/holding.rs"]
 mod holding;
 #[path = "../../tests/format/memory.rs"]
@@ -103,12 +104,22 @@ fn main() -> Outcome {
     damage::of_chunks(&mut vectors)?;
     damage::of_records(&mut vectors)?;
     damage::of_length(&mut vectors)?;
-    damage::foreign(&mut vectors)?;
-    damage::hostile(&mut vectors)?;
+    foreign::bytes(&mut vectors)?;
+    foreign::claims(&mut vectors)?;
     let index = serde_json::to_string_pretty(&vectors.index)?;
     std::fs::write(vectors.folder.join("index.json"), index + "\n")?;
     println!("{} vectors", vectors.index.len());
     Ok(())
+}
+
+/// Both tables and all frames in one chunk.
+fn dense_yuyv() -> Scene {
+    Scene {
+        codec: DepthCodec::Dense,
+        encoding: ColorEncoding::Yuyv,
+        seal_after: Vec::new(),
+        ..Scene::default()
+    }
 }
 
 /// Every format of both streams.
@@ -131,11 +142,7 @@ fn formats(vectors: &mut Vectors) -> Outcome {
     )?;
     vectors.whole(
         "dense-yuyv",
-        &Scene {
-            codec: DepthCodec::Dense,
-            encoding: ColorEncoding::Yuyv,
-            ..one_chunk()
-        },
+        &dense_yuyv(),
         "depth in values by two tables, dense; YUYV",
     )?;
     vectors.whole(

@@ -342,7 +342,7 @@ fn enumerate(disk: &Disk, committed: &BTreeSet<(u16, u64)>, tally: &mut Tally) {
 }
 
 /// States sampled after each operation: enough for the catalogue in release, fewer where sums are slow.
-const SAMPLES: u64 = if cfg!(debug_assertions) { 20 } else { 200 };
+const SAMPLES: u64 = if cfg!(debug_assertions) { 20 } else { 100 };
 
 #[test]
 fn hc_k08_a_commit_mark_stands_for_data_that_is_durable() {

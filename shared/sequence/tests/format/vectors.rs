@@ -6,6 +6,8 @@ use sequence::Recording;
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
+use super::memory::MemoryFile;
+use super::tiny::Scene;
 use super::{edit, holding};
 
 /// An entry of `recordings/vectors/recordings/index.json`.
@@ -87,4 +89,17 @@ fn a_map_gives_the_frames_that_a_full_check_gives() {
         }
         assert_eq!(frame_count, held.frames.len(), "{}", vector.name);
     }
+}
+
+#[test]
+fn what_is_written_today_holds_what_was_written_then() {
+    let file = MemoryFile::default();
+    Scene::default().write(file.layer()).unwrap();
+    let today = holding::read(&file.bytes()).unwrap().values();
+    let then = vectors()
+        .iter()
+        .find(|vector| vector.name == "three-chunks")
+        .unwrap()
+        .bytes();
+    assert_eq!(today, holding::read(&then).unwrap().values());
 }
