@@ -344,7 +344,7 @@ impl ChunkWriter {
             Ok(()) => Sealing::Done,
             Err(error) => {
                 // What the disk refused once it may report as written the next time: the chunk is given up.
-                // A void one takes its place, so that readers hop over it; it becomes durable with the next.
+                // A void one takes its place, so that readers hop over it.
                 drop(error);
                 let void = ChunkHeader::sealed(
                     self.file_id,
@@ -355,10 +355,12 @@ impl ChunkWriter {
                     self.first_sequence,
                     0,
                 );
-                // When not even that can be written, readers look for the next chunk themselves.
+                // When not even that can be written or made durable, readers look for the next chunk themselves,
+                // and a frame may then be both in the file and in a gap.
                 let _ = self
                     .write_all(start, void.as_bytes())
-                    .and_then(|()| self.write_all(start + 64, void.commit_mark().as_bytes()));
+                    .and_then(|()| self.write_all(start + 64, void.commit_mark().as_bytes()))
+                    .and_then(|()| Ok(uninterrupted(|| self.layer.sync(start, PAGE))?));
                 let label = |entry: &IndexBytes| RecordLabel {
                     kind: entry.kind.get(),
                     stream: entry.stream.get(),

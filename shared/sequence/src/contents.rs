@@ -137,6 +137,23 @@ impl Contents {
         Ok(())
     }
 
+    /// Takes what the index says of frames from the frames themselves: for copies of files whose indices may say
+    /// something else.
+    pub fn trust_frames<S: ByteSource + ?Sized>(
+        &mut self,
+        scanner: &Scanner<'_, S>,
+    ) -> Result<(), SequenceError> {
+        for places in self.frames.values_mut() {
+            let mut whole = Vec::with_capacity(places.len());
+            for place in places.iter() {
+                whole.extend(scanner.place(place.offset)?);
+            }
+            *places = whole;
+        }
+        self.sort();
+        Ok(())
+    }
+
     fn add_record<S: ByteSource + ?Sized>(
         &mut self,
         scanner: &Scanner<'_, S>,

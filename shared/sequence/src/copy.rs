@@ -43,19 +43,25 @@ const POSES_IN_A_RECORD: usize = 4096;
 pub fn recover(from: &Path, to: &Path) -> Result<Copied, SequenceError> {
     let file = PreadFile::open(from).map_err(|error| error.in_file(from))?;
     require_free(to)?;
-    let read = || {
-        let read = read_all(&file)?;
-        let plan = Plan::all(&read.contents)?;
-        Ok((read, plan))
-    };
-    let (read, plan) = read().map_err(|error: SequenceError| error.in_file(from))?;
+    recover_source(&file, to).map_err(|error| match error {
+        SequenceError::InFile { .. } => error,
+        error => error.in_file(from),
+    })
+}
+
+/// As [`recover`], of any source.
+pub fn recover_source<S: ByteSource + ?Sized>(
+    file: &S,
+    to: &Path,
+) -> Result<Copied, SequenceError> {
     let ReadAll {
         contents,
         from_tail,
         mut findings,
-    } = read;
+    } = read_all(file)?;
+    let plan = Plan::all(&contents)?;
     findings.extend(contents.damages.iter().map(ToString::to_string));
-    let scanner = Scanner::of_file(&file, contents.file_id, Checking::Everything)?;
+    let scanner = Scanner::of_file(file, contents.file_id, Checking::Everything)?;
     let reason = match &contents.end {
         Some(end) if findings.is_empty() => end.reason.as_str(),
         _ => "recovered",
@@ -86,7 +92,8 @@ pub fn cut(from: &Path, to: &Path, range: Range<u64>) -> Result<Copied, Sequence
     let read = || {
         let scanner = Scanner::begin(&file, Checking::Everything)?;
         let file_id = scanner.file_id();
-        let contents = Contents::of_scan(scanner)?;
+        let mut contents = Contents::of_scan(scanner)?;
+        contents.trust_frames(&Scanner::of_file(&file, file_id, Checking::Everything)?)?;
         let plan = Plan::all(&contents)?.cut(&contents, &range)?;
         Ok((file_id, contents, plan))
     };
@@ -124,23 +131,28 @@ struct ReadAll {
     findings: Vec<String>,
 }
 
-fn read_all(file: &PreadFile) -> Result<ReadAll, SequenceError> {
+fn read_all<S: ByteSource + ?Sized>(file: &S) -> Result<ReadAll, SequenceError> {
     let mut findings = Vec::new();
     let file_id: FileId = match beginning(file)? {
         Beginning::Recording(file_id) => file_id,
-        Beginning::OtherVersion => return Err(SequenceError::OtherVersion),
-        Beginning::Damaged | Beginning::Foreign => {
+        beginning => {
             findings.push("the first page of the file is damaged".to_owned());
-            id_from_chunks(file)?.ok_or(SequenceError::NotARecording)?
+            id_from_chunks(file)?.ok_or(match beginning {
+                Beginning::OtherVersion => SequenceError::OtherVersion,
+                _ => SequenceError::NotARecording,
+            })?
         }
     };
     let scanner = Scanner::of_file(file, file_id, Checking::Everything)?;
     let mut contents = Contents::of_scan(scanner)?;
     let frames = |contents: &Contents| contents.frames.values().map(Vec::len).sum::<usize>();
     let sealed_count = frames(&contents);
-    contents.take_tail(&Scanner::of_file(file, file_id, Checking::Everything)?)?;
+    let scanner = Scanner::of_file(file, file_id, Checking::Everything)?;
+    contents.take_tail(&scanner)?;
+    let from_tail = frames(&contents).saturating_sub(sealed_count) as u64;
+    contents.trust_frames(&scanner)?;
     Ok(ReadAll {
-        from_tail: (frames(&contents) - sealed_count) as u64,
+        from_tail,
         contents,
         findings,
     })

@@ -1,7 +1,8 @@
 //! The description record: JSON (`docs/sequence-format.md` section 6.1).
 
 use geometry::{DQuat, DVec3, Distortion, Intrinsics, Pose, PoseError};
-use serde::{Deserialize, Serialize};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::cameras::{
     ColorCamera, DepthCamera, Device, ResponseCurve, ShiftConstants, StreamTiming, Streams,
@@ -129,7 +130,9 @@ struct DepthText {
 #[derive(Debug, Serialize, Deserialize)]
 struct ColorText {
     relative_exposure: f32,
+    #[serde(deserialize_with = "known_response")]
     response: ResponseCurve,
+    #[serde(deserialize_with = "known_vignetting")]
     vignetting: VignettingCurve,
     #[serde(default)]
     yuv: Option<YuvMeaning>,
@@ -334,6 +337,26 @@ impl PartText {
     }
 }
 
+fn known_response<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ResponseCurve, D::Error> {
+    known_keys(deserializer, &["type", "gamma", "red", "green", "blue"])
+}
+
+fn known_vignetting<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<VignettingCurve, D::Error> {
+    known_keys(deserializer, &["type", "center", "radius", "a"])
+}
+
+/// A curve without the keys of later versions: rig files are strict, recordings are not.
+fn known_keys<'de, D: Deserializer<'de>, T: DeserializeOwned>(
+    deserializer: D,
+    known: &[&str],
+) -> Result<T, D::Error> {
+    let mut object = serde_json::Map::deserialize(deserializer)?;
+    object.retain(|key, _| known.contains(&key.as_str()));
+    serde_json::from_value(object.into()).map_err(serde::de::Error::custom)
+}
+
 /// The 32 digits of an id.
 pub(crate) fn hex(id: FileId) -> String {
     id.0.iter().map(|byte| format!("{byte:02x}")).collect()
@@ -358,4 +381,24 @@ pub(crate) fn pose_from_numbers(
     translation: [f64; 3],
 ) -> Result<Pose, PoseError> {
     Pose::new(DQuat::from_array(rotation), DVec3::from_array(translation))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn keys_of_later_versions_are_ignored() {
+        let text = json!({
+            "relative_exposure": 1.0,
+            "response": {"type": "gamma", "gamma": 2.2, "later": 1},
+            "vignetting": {"type": "none", "later": [1, 2]},
+            "later": {},
+        });
+        let color: ColorText = serde_json::from_value(text).unwrap();
+        assert_eq!(color.response, ResponseCurve::Gamma { gamma: 2.2 });
+        assert_eq!(color.vignetting, VignettingCurve::None);
+    }
 }

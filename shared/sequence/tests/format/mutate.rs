@@ -5,7 +5,9 @@ use std::collections::BTreeSet;
 
 use rand::RngExt as _;
 use rand_pcg::Pcg64Mcg;
+use sequence::copy::recover_source;
 use sequence::scan::{Checking, Scanner};
+use sequence::verify::verify_source;
 use sequence::{Contents, Recording, SequenceError};
 
 use super::{holding, seal};
@@ -95,6 +97,9 @@ impl Corpus {
             seal::everything(&mut bytes);
         }
         counts.execution_count += 1;
+        if counts.execution_count.is_multiple_of(RECOVER_EVERY) {
+            self.recover(&bytes);
+        }
         match read(&bytes) {
             Err(_) => counts.refused_count += 1,
             Ok(held) => {
@@ -107,6 +112,28 @@ impl Corpus {
                     self.map(&bytes);
                 }
             }
+        }
+    }
+
+    /// Checks and repairs a mutant; what comes out is whole but for what it says is missing.
+    fn recover(&self, bytes: &[u8]) {
+        // An error is an answer; nothing worse may be.
+        let _ = verify_source(bytes, true);
+        let path = self.folder.path().join("mended.glint");
+        if let Ok(copied) = recover_source(bytes, &path) {
+            let mended = std::fs::read(&path).unwrap();
+            let found = verify_source(mended.as_slice(), false).unwrap();
+            assert!(found.findings.is_empty(), "{:?}", found.findings);
+            let counted =
+                |frames: &[(u16, u64)]| frames.iter().map(|(_, count)| count).sum::<u64>();
+            let held: usize = found
+                .summary
+                .streams
+                .iter()
+                .map(|stream| stream.frames)
+                .sum();
+            assert_eq!(held as u64, counted(&copied.frames));
+            std::fs::remove_file(&path).unwrap();
         }
     }
 
@@ -243,6 +270,8 @@ fn shift(bytes: &mut Vec<u8>, at: usize, random: &mut Pcg64Mcg) {
 
 /// One in so many mutants is written to a file and mapped.
 const MAP_EVERY: u64 = 16;
+/// One in so many mutants is checked and repaired.
+const RECOVER_EVERY: u64 = 256;
 /// Most pixels of frames that are decoded: a description may claim 2^28.
 const MOST_PIXELS: u32 = 1 << 18;
 

@@ -1,111 +1,25 @@
 //! From chunk to chunk through a file, around what is damaged: `docs/sequence-format.md` section 7.
 
+mod found;
+mod record_at;
+mod window;
+
 use zerocopy::FromBytes as _;
+
+pub use found::{Checking, Chunk, ChunkState, Damage, RecordPlace};
+use record_at::claimed_bytes;
+pub(crate) use record_at::{place_of, read_record};
+use window::{Window, crc_of};
 
 use crate::checksum::{Beginning, FileId, is_commit, is_mark, is_some_chunk};
 use crate::chunk_writer::RecordLabel;
 use crate::error::SequenceError;
 use crate::layout::{
-    CHUNK_MAGIC, ChunkHeader, CommitMark, FLAG_REPEAT, FileHeader, FrameHeader, GapHeader,
-    IndexBytes, MOST_PAYLOAD_BYTES, PAGE, RECORD_HEADER_BYTES, RECORD_MAGIC, RECORDS_OFFSET,
-    RecordHeader, chunk_end, record_bytes,
+    CHUNK_MAGIC, ChunkHeader, CommitMark, FileHeader, IndexBytes, PAGE, RECORD_MAGIC,
+    RECORDS_OFFSET, chunk_end, record_bytes,
 };
 use crate::record::RecordKind;
 use crate::source::ByteSource;
-
-/// How much a scan looks at.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Checking {
-    /// Headers, commit marks and indices: enough to open a file.
-    Marks,
-    /// Every byte, and the records of a tail that was never sealed.
-    Everything,
-}
-
-/// Where a record lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RecordPlace {
-    /// Offset of its header in the file.
-    pub offset: u64,
-    /// Bytes of its payload.
-    pub payload_bytes: u32,
-    /// Sequence number.
-    pub sequence: u64,
-    /// What the index says of it.
-    pub label: RecordLabel,
-}
-
-/// What a chunk is worth.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ChunkState {
-    /// Sealed.
-    Sealed,
-    /// Between two chunks or behind its own commit mark, without a header of its own; its records were found
-    /// by walking.
-    Headless,
-    /// Behind the last sealed chunk: never sealed, or cut off.
-    Tail,
-}
-
-/// A chunk that was found.
-#[derive(Clone, Debug)]
-pub struct Chunk {
-    /// Offset in the file.
-    pub start: u64,
-    /// Where the next one should be.
-    pub end: u64,
-    /// Its number, where it has a header.
-    pub number: Option<u64>,
-    /// What it is worth.
-    pub state: ChunkState,
-    /// Its records, without the index. Only with [`Checking::Everything`] are all of them known to be whole.
-    pub records: Vec<RecordPlace>,
-    /// What is wrong with it.
-    pub damages: Vec<Damage>,
-}
-
-/// Something that is not as it was written.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Damage {
-    /// The beginning of the file.
-    FileHeader,
-    /// No chunk begins where one should; `bytes` up to the next one.
-    Header {
-        /// Where.
-        offset: u64,
-        /// How much was walked instead.
-        bytes: u64,
-    },
-    /// A commit mark, of a chunk whose records are whole.
-    CommitMark {
-        /// Number of the chunk.
-        chunk: u64,
-    },
-    /// An index; the records were found by walking.
-    Index {
-        /// Number of the chunk.
-        chunk: u64,
-    },
-    /// A record is lost.
-    Record {
-        /// Where.
-        offset: u64,
-        /// What it was.
-        label: RecordLabel,
-    },
-    /// Bytes between records, which hold nothing.
-    Padding {
-        /// Number of the chunk.
-        chunk: u64,
-    },
-    /// Bytes behind the last sealed chunk that are not all zero.
-    Tail {
-        /// Where they begin.
-        offset: u64,
-        /// How many there are up to the end of the file.
-        bytes: u64,
-    },
-}
 
 /// Walks through a file chunk by chunk.
 pub struct Scanner<'source, S: ByteSource + ?Sized> {
@@ -314,14 +228,22 @@ impl<'source, S: ByteSource + ?Sized> Scanner<'source, S> {
                 header.records_bytes.get(),
             )?;
             if crc != Some(header.records_crc.get()) {
-                self.check_records(&mut chunk, is_indexed)?;
+                self.check_records(&mut chunk, is_indexed, header.record_count.get())?;
             }
         }
         Ok(chunk)
     }
 
     /// Takes the records out that are damaged, and names them.
-    fn check_records(&self, chunk: &mut Chunk, is_indexed: bool) -> Result<(), SequenceError> {
+    fn check_records(
+        &self,
+        chunk: &mut Chunk,
+        is_indexed: bool,
+        record_count: u32,
+    ) -> Result<(), SequenceError> {
+        // All records but the index; the last one, `end`, is in no index.
+        let is_end_missing =
+            is_indexed && chunk.records.len() as u64 + 2 == u64::from(record_count);
         let mut whole = Vec::with_capacity(chunk.records.len());
         for place in &chunk.records {
             if self.payload(place)?.is_some() {
@@ -333,7 +255,12 @@ impl<'source, S: ByteSource + ?Sized> Scanner<'source, S> {
                 });
             }
         }
-        if is_indexed && whole.len() == chunk.records.len() {
+        if is_end_missing {
+            chunk.damages.push(Damage::Record {
+                offset: chunk.start,
+                label: RecordLabel::of(RecordKind::End, 0),
+            });
+        } else if is_indexed && whole.len() == chunk.records.len() {
             let chunk_number = chunk.number.unwrap_or_default();
             chunk.damages.push(Damage::Padding {
                 chunk: chunk_number,
@@ -353,6 +280,12 @@ impl<'source, S: ByteSource + ?Sized> Scanner<'source, S> {
             None,
         )
         .map(|record| record.map(|(_, payload)| payload))
+    }
+
+    /// The place of the record at `offset` by what it says itself, or `None` when it is damaged.
+    pub fn place(&self, offset: u64) -> Result<Option<RecordPlace>, SequenceError> {
+        let record = read_record(self.source, self.file_id, offset, self.byte_count, None)?;
+        Ok(record.map(|(header, payload)| place_of(offset, &header, &payload)))
     }
 
     /// Header and commit mark at `offset`, when a chunk of this file begins there.
@@ -514,218 +447,4 @@ pub fn id_from_chunks<S: ByteSource + ?Sized>(source: &S) -> Result<Option<FileI
         offset = at + PAGE;
     }
     Ok(None)
-}
-
-/// Header and payload of the record at `offset`, when it is whole, ends before `end` and is of `kind`.
-pub(crate) fn read_record<S: ByteSource + ?Sized>(
-    source: &S,
-    file_id: FileId,
-    offset: u64,
-    end: u64,
-    kind: Option<RecordKind>,
-) -> Result<Option<(RecordHeader, Vec<u8>)>, SequenceError> {
-    let Some(room) = end
-        .checked_sub(offset)
-        .and_then(|room| room.checked_sub(RECORD_HEADER_BYTES))
-    else {
-        return Ok(None);
-    };
-    let mut bytes = [0; RECORD_HEADER_BYTES as usize];
-    if source.read_exact_at(offset, &mut bytes)?.is_none() {
-        return Ok(None);
-    }
-    let Ok(header) = RecordHeader::read_from_bytes(&bytes) else {
-        return Ok(None);
-    };
-    let payload_bytes = u64::from(header.payload_bytes.get());
-    if header.magic != RECORD_MAGIC
-        || payload_bytes > room.min(MOST_PAYLOAD_BYTES)
-        || kind.is_some_and(|kind| header.kind.get() != kind as u16)
-    {
-        return Ok(None);
-    }
-    // Not more than the file has: `room` ends at its end or before.
-    let mut payload = vec![0; payload_bytes as usize];
-    if source
-        .read_exact_at(offset + RECORD_HEADER_BYTES, &mut payload)?
-        .is_none()
-    {
-        return Ok(None);
-    }
-    Ok(file_id
-        .is_record(&header, &payload)
-        .then_some((header, payload)))
-}
-
-/// What a damaged record claims to be long, within `end`: the work that was spent on it.
-fn claimed_bytes<S: ByteSource + ?Sized>(
-    source: &S,
-    offset: u64,
-    end: u64,
-) -> Result<u64, SequenceError> {
-    let mut bytes = [0; RECORD_HEADER_BYTES as usize];
-    if source.read_exact_at(offset, &mut bytes)?.is_none() {
-        return Ok(0);
-    }
-    let claimed = RecordHeader::read_from_bytes(&bytes)
-        .map_or(0, |header| u64::from(header.payload_bytes.get()));
-    Ok(if claimed <= end - offset { claimed } else { 0 })
-}
-
-/// The place of a record that was read, with what an index would say of it.
-pub(crate) fn place_of(offset: u64, header: &RecordHeader, payload: &[u8]) -> RecordPlace {
-    let mut label = RecordLabel {
-        kind: header.kind.get(),
-        stream: header.stream.get(),
-        ..RecordLabel::default()
-    };
-    match RecordKind::from_number(label.kind) {
-        Some(RecordKind::Frame) => {
-            if let Ok((frame, _)) = FrameHeader::ref_from_prefix(payload) {
-                label.flags = frame.flags.get();
-                label.number = frame.number.get();
-                label.device_nanos = frame.device_nanos.get();
-            }
-        }
-        Some(RecordKind::Gap) => {
-            if let Ok((gap, _)) = GapHeader::ref_from_prefix(payload) {
-                label.number = gap.first_number.get();
-            }
-        }
-        _ => {}
-    }
-    RecordPlace {
-        offset,
-        payload_bytes: header.payload_bytes.get(),
-        sequence: header.sequence.get(),
-        label,
-    }
-}
-
-impl RecordPlace {
-    /// The samples of a frame repeat those before it.
-    pub fn is_repeat(&self) -> bool {
-        self.label.flags & FLAG_REPEAT != 0
-    }
-}
-
-/// CRC of a stretch, `None` when the source ends before.
-fn crc_of<S: ByteSource + ?Sized>(
-    source: &S,
-    mut offset: u64,
-    mut bytes: u64,
-) -> Result<Option<u32>, SequenceError> {
-    let mut buffer = vec![0; bytes.min(WINDOW_BYTES) as usize];
-    let mut crc = 0;
-    while bytes > 0 {
-        let count = bytes.min(WINDOW_BYTES);
-        let part = &mut buffer[..count as usize];
-        if source.read_exact_at(offset, part)?.is_none() {
-            return Ok(None);
-        }
-        crc = crc32c::crc32c_append(crc, part);
-        offset += count;
-        bytes -= count;
-    }
-    Ok(Some(crc))
-}
-
-/// Bytes looked at in one read.
-const WINDOW_BYTES: u64 = 1 << 18;
-
-/// Looks for magic numbers, a block at a time, and jumps over holes.
-struct Window<'source, S: ByteSource + ?Sized> {
-    source: &'source S,
-    /// Where the block begins.
-    start: u64,
-    bytes: Vec<u8>,
-}
-
-impl<'source, S: ByteSource + ?Sized> Window<'source, S> {
-    fn new(source: &'source S) -> Self {
-        Self {
-            source,
-            start: 0,
-            bytes: Vec::new(),
-        }
-    }
-
-    /// Reads a block at `offset`; false at the end.
-    fn load(&mut self, offset: u64, end: u64) -> Result<bool, SequenceError> {
-        let count = end.saturating_sub(offset).min(WINDOW_BYTES) as usize;
-        self.bytes.resize(count, 0);
-        let mut filled = 0;
-        while filled < count {
-            match self
-                .source
-                .read_at(offset + filled as u64, &mut self.bytes[filled..])
-            {
-                Ok(0) => break,
-                Ok(more) => filled += more,
-                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(error.into()),
-            }
-        }
-        self.bytes.truncate(filled);
-        self.start = offset;
-        Ok(filled > 0)
-    }
-
-    /// What is loaded from `offset` on.
-    fn loaded(&self, offset: u64) -> &[u8] {
-        let skipped = offset
-            .checked_sub(self.start)
-            .and_then(|skip| usize::try_from(skip).ok());
-        skipped
-            .and_then(|skip| self.bytes.get(skip..))
-            .unwrap_or_default()
-    }
-
-    /// The first multiple of `step` in `offset..end` where `magic` stands.
-    fn find(
-        &mut self,
-        magic: &[u8],
-        mut offset: u64,
-        end: u64,
-        step: u64,
-    ) -> Result<Option<u64>, SequenceError> {
-        while offset < end {
-            if self.loaded(offset).is_empty() {
-                let Some(data) = self.source.next_data(offset) else {
-                    return Ok(None);
-                };
-                offset = offset.max(data / step * step);
-                if !self.load(offset, end)? {
-                    return Ok(None);
-                }
-            }
-            let found = self
-                .loaded(offset)
-                .chunks(step as usize)
-                .position(|block| block.starts_with(magic));
-            if let Some(position) = found {
-                let at = offset + position as u64 * step;
-                return Ok((at < end).then_some(at));
-            }
-            offset += (self.loaded(offset).len() as u64).next_multiple_of(step);
-        }
-        Ok(None)
-    }
-
-    fn has_content(&mut self, mut offset: u64, end: u64) -> Result<bool, SequenceError> {
-        while offset < end {
-            let Some(data) = self.source.next_data(offset) else {
-                return Ok(false);
-            };
-            offset = offset.max(data);
-            if !self.load(offset, end)? {
-                return Ok(false);
-            }
-            if self.bytes.iter().any(|byte| *byte != 0) {
-                return Ok(true);
-            }
-            offset += self.bytes.len() as u64;
-        }
-        Ok(false)
-    }
 }
