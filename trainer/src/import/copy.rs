@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use geometry::Intrinsics;
-use imaging::{Image, decode_jpeg, decode_png_gray16, decode_png_rgb8, metres_from_raw};
+use imaging::{
+    Image, decode_jpeg, decode_png_gray16, decode_png_mosaic8, decode_png_rgb8, metres_from_raw,
+};
 use rayon::prelude::*;
 use sequence::codecs::DepthCodec;
 use sequence::encode::{ColorStreamEncoder, DepthStreamEncoder};
@@ -33,25 +35,43 @@ pub(crate) fn depth_codes(
     Ok(codes)
 }
 
-/// What the colour encoder takes: the file itself for JPEG, the samples for PNG.
+/// What the colour encoder takes: the file itself for JPEG and YUV, the samples for PNG.
 fn color_frame(path: &Path, file: Vec<u8>, streams: &Streams) -> Result<Vec<u8>, ImportError> {
-    let is_jpeg = streams.color.encoding == ColorEncoding::Jpeg;
-    // A JPEG too, so that what is written can be read.
-    let decoded = if is_jpeg {
-        decode_jpeg(&file)
-    } else {
-        decode_png_rgb8(&file)
-    };
-    let decoded = decoded.map_err(|source| ImportError::Image {
+    let camera = &streams.color.intrinsics;
+    let unfit = |source| ImportError::Image {
         path: path.to_path_buf(),
         source,
-    })?;
-    require_size(path, "color", &decoded, &streams.color.intrinsics)?;
-    Ok(if is_jpeg {
-        file
-    } else {
-        decoded.pixels().as_flattened().to_vec()
-    })
+    };
+    match streams.color.encoding {
+        ColorEncoding::Jpeg => {
+            // Decoded too, so that what is written can be read.
+            let decoded = decode_jpeg(&file).map_err(unfit)?;
+            require_size(path, "color", &decoded, camera)?;
+            Ok(file)
+        }
+        ColorEncoding::Rgb8 => {
+            let decoded = decode_png_rgb8(&file).map_err(unfit)?;
+            require_size(path, "color", &decoded, camera)?;
+            Ok(decoded.pixels().as_flattened().to_vec())
+        }
+        ColorEncoding::BayerGrbg => {
+            let mosaic = decode_png_mosaic8(&file).map_err(unfit)?;
+            require_size(path, "color", &mosaic, camera)?;
+            Ok(mosaic.pixels().to_vec())
+        }
+        ColorEncoding::Uyvy | ColorEncoding::Yuyv => {
+            // 16384 pixels a side at most: in range.
+            let expected = 2 * camera.width() as usize * camera.height() as usize;
+            if file.len() == expected {
+                return Ok(file);
+            }
+            Err(ImportError::RawSize {
+                path: path.to_path_buf(),
+                bytes: file.len(),
+                expected,
+            })
+        }
+    }
 }
 
 fn require_size<T>(

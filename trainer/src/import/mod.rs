@@ -6,8 +6,8 @@
 //! before anything is written · `copy` images into the recording · [`report`] what was done · [`error`] what
 //! is refused.
 //!
-//! Every pixel and every time is kept: depth and PNG colour are coded anew without loss, JPEG keeps its bytes (and is decoded
-//! once, so that what is written can be read). Masks and truth beside the frames are not looked at.
+//! Every pixel and every time is kept: depth, PNG and raw colour are coded anew without loss, JPEG keeps its
+//! bytes (and is decoded once, so that what is written can be read). Masks and truth beside the frames are not looked at.
 
 pub mod checks;
 mod copy;
@@ -50,7 +50,7 @@ pub const POSE_SET: &str = "source";
 /// Layout of a folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 pub enum ImportFormat {
-    /// `frame-NNNNNN.color.png` (or .jpg), `.depth.png`, `.pose.txt` in one folder.
+    /// `frame-NNNNNN.color.png` (or .jpg, .yuv), `.depth.png`, `.pose.txt` in one folder.
     #[value(name = "7scenes")]
     #[serde(rename = "7scenes")]
     SevenScenes,
@@ -58,7 +58,7 @@ pub enum ImportFormat {
     #[value(name = "tum")]
     #[serde(rename = "tum")]
     Tum,
-    /// `frames/NNNNNN.color.jpg` (or .png), `frames/NNNNNN.depth.png`, `poses.txt`.
+    /// `frames/NNNNNN.color.jpg` (or .png, .yuv), `frames/NNNNNN.depth.png`, `poses.txt`.
     #[value(name = "folder")]
     #[serde(rename = "folder")]
     Folder,
@@ -246,15 +246,21 @@ fn recognise(folder: &Path) -> Result<ImportFormat, ImportError> {
 
 /// All colour images must be what the rig file says; the names tell.
 fn require_encoding(source: &Source, encoding: ColorEncoding) -> Result<(), ImportError> {
+    let expected = match encoding {
+        ColorEncoding::Jpeg => "jpeg",
+        ColorEncoding::Rgb8 | ColorEncoding::BayerGrbg => "png",
+        ColorEncoding::Uyvy | ColorEncoding::Yuyv => "yuv",
+    };
     for image in &source.color {
-        let is_png = image
+        let extension = image
             .path
             .extension()
-            .is_some_and(|extension| extension == "png");
-        if is_png != (encoding == ColorEncoding::Rgb8) {
+            .and_then(|extension| extension.to_str());
+        let is_raw = extension.filter(|extension| ["png", "yuv"].contains(extension));
+        if is_raw.unwrap_or("jpeg") != expected {
             return Err(ImportError::MixedColor {
                 path: image.path.clone(),
-                expected: if is_png { "jpeg" } else { "png" },
+                expected,
             });
         }
     }

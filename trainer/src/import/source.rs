@@ -107,7 +107,7 @@ pub(crate) struct Images {
     pub(crate) numbers: Range<usize>,
 }
 
-const COLOR_SUFFIXES: [&str; 3] = [".color.jpg", ".color.jpeg", ".color.png"];
+const COLOR_SUFFIXES: [&str; 4] = [".color.jpg", ".color.jpeg", ".color.png", ".color.yuv"];
 const DEPTH_SUFFIXES: [&str; 1] = [".depth.png"];
 
 impl Images {
@@ -125,7 +125,7 @@ impl Images {
         let (Some(first), Some(last)) = (used().min(), used().max()) else {
             return Err(ImportError::NoFrames {
                 path: folder.to_path_buf(),
-                expected: "images (NNNNNN.color.jpg or .color.png, NNNNNN.depth.png)",
+                expected: "images (NNNNNN.color.jpg, .color.png or .color.yuv, NNNNNN.depth.png)",
             });
         };
         let numbers = first as usize..last as usize + 1;

@@ -9,6 +9,14 @@ use sequence::{COLOR_STREAM, ColorEncoding, DEPTH_STREAM, Recording, StreamTimin
 
 use crate::made::{LOST, Made, import_folder};
 
+const ENCODINGS: [ColorEncoding; 5] = [
+    ColorEncoding::Jpeg,
+    ColorEncoding::Rgb8,
+    ColorEncoding::BayerGrbg,
+    ColorEncoding::Uyvy,
+    ColorEncoding::Yuyv,
+];
+
 /// Metres and quaternions: rounding of the last bits.
 const ROUNDING: f64 = 1e-9;
 
@@ -123,7 +131,7 @@ fn a_seven_scenes_folder_gives_back_the_pairs() {
 
 #[test]
 fn a_plain_folder_gives_back_the_pairs_and_the_times_of_their_depth() {
-    for encoding in [ColorEncoding::Jpeg, ColorEncoding::Rgb8] {
+    for encoding in ENCODINGS {
         let made = Made::new(encoding);
         let report = made.export(ExportTarget::Folder, "folder");
         assert!(
