@@ -211,6 +211,10 @@ fn poses_are_of_the_set_that_is_named() {
         assert!(!made.at(name).exists());
     }
     // Poses of the colour camera, in two worlds: the larger one is taken.
+    let recording = made.open();
+    let known = recording.poses("live").unwrap().iter().map(Option::is_some);
+    let known: Vec<bool> = known.collect();
+    assert_eq!(known, [true, true, true, true, true, false, false]);
     let mut options = made.options(ExportTarget::Tum, "tum");
     options.poses = Some("live".to_owned());
     let report = export(&options, &mut |_, _| {}).unwrap();
