@@ -18,7 +18,7 @@ use crate::stages::diffuse::{VertexColors, vertex_colors};
 use crate::stages::geometry::{self, Geometry};
 use crate::stages::linear::{self, DiffuseOrder, GAIN, Linear};
 use crate::stages::object::{DominantPlane, ObjectParts, Segment, WorldBox, find_object};
-use crate::stages::observe::{ColorView, PixelRules, Surface, observe};
+use crate::stages::observe::{ColorView, Observations, PixelRules, Surface, observe};
 use crate::stages::poses::{training_frames, tum_text};
 
 /// Every key of a training run, `config.toml`.
@@ -142,6 +142,7 @@ pub fn train(
         })?;
         let parts = find_object(&geometry.mesh, config.object_box.as_ref(), config.seed);
         write_geometry(folder, &geometry, &parts)?;
+        note_repeats("depth", geometry.summary.repeated_frame_count);
         Ok((geometry, parts))
     })?;
     let Geometry {
@@ -166,7 +167,10 @@ pub fn train(
             stride: config.pixel_stride,
             ..PixelRules::default()
         };
-        let observations = observe(
+        let Observations {
+            frames: observations,
+            repeated_frame_count,
+        } = observe(
             &recording,
             &view,
             &surface,
@@ -177,6 +181,14 @@ pub fn train(
         )?;
         let colors = vertex_colors(&surface, &observations);
         write_colors(folder, &surface, &colors)?;
+        note_repeats("colour", repeated_frame_count);
+        folder.write_json(
+            "diffuse/summary.json",
+            &json!({
+                "frame_count": observations.len(),
+                "repeated_frame_count": repeated_frame_count,
+            }),
+        )?;
         Ok((surface, observations, colors))
     })?;
 
@@ -208,6 +220,13 @@ pub fn train(
         claimed_fraction: linear.summary.claimed_fraction,
         cost,
     })
+}
+
+/// Says how many frames were left out as repeats.
+fn note_repeats(stream: &str, count: usize) {
+    if count > 0 {
+        tracing::info!("{count} frames left out: their {stream} repeats the frame before");
+    }
 }
 
 fn write_geometry(

@@ -8,8 +8,8 @@ mod png;
 
 pub use jpeg::{decode_jpeg, encode_jpeg, jpeg_is_subsampled};
 pub use png::{
-    decode_png_gray8, decode_png_gray16, decode_png_mask, decode_png_rgb8, encode_png_gray16,
-    encode_png_mask, encode_png_rgb8,
+    decode_png_gray8, decode_png_gray16, decode_png_mask, decode_png_mosaic8, decode_png_rgb8,
+    encode_png_gray16, encode_png_mask, encode_png_rgb8,
 };
 
 use crate::error::ImagingError;

@@ -44,8 +44,9 @@ pub use crate::exr_files::{
     write_confidence_exr, write_rgb_exr,
 };
 pub use crate::files::{
-    decode_jpeg, decode_png_gray8, decode_png_gray16, decode_png_mask, decode_png_rgb8,
-    encode_jpeg, encode_png_gray16, encode_png_mask, encode_png_rgb8, jpeg_is_subsampled,
+    decode_jpeg, decode_png_gray8, decode_png_gray16, decode_png_mask, decode_png_mosaic8,
+    decode_png_rgb8, encode_jpeg, encode_png_gray16, encode_png_mask, encode_png_rgb8,
+    jpeg_is_subsampled,
 };
 pub use crate::image::{DepthImage, Image, LinearImage, Mask, Rgb8Image};
 pub use crate::pyramid::{DepthTolerance, depth_pyramid, half_color, half_depth};

@@ -7,8 +7,8 @@ use crate::codecs::CodeTable;
 use crate::description::Description;
 use crate::error::SequenceError;
 use crate::record::{
-    End, Event, FramePose, Gap, Gravity, Histogram, MUST_UNDERSTAND, Note, PoseSetHead, RecordKind,
-    read_poses,
+    End, Event, FramePose, Gap, Gravity, Histogram, MUST_UNDERSTAND, Note, PoseSetHead, PoseState,
+    RecordKind, read_poses,
 };
 use crate::scan::{Checking, Chunk, ChunkState, Damage, RecordPlace, Scanner};
 use crate::source::ByteSource;
@@ -21,6 +21,24 @@ pub struct StoredPoses {
     pub head: PoseSetHead,
     /// One a frame at most, by rising numbers.
     pub poses: Vec<FramePose>,
+}
+
+impl StoredPoses {
+    /// The map with the most poses that are not lost, of equals the one with the least id: poses of different maps
+    /// are in different worlds. `None` where every pose is lost.
+    pub fn largest_map(&self) -> Option<u32> {
+        let mut counts = BTreeMap::new();
+        for pose in self
+            .poses
+            .iter()
+            .filter(|pose| pose.state != PoseState::Lost)
+        {
+            *counts.entry(pose.map).or_insert(0_usize) += 1;
+        }
+        // Of equals, `max_by_key` gives the last.
+        let largest = counts.into_iter().rev().max_by_key(|(_, count)| *count);
+        largest.map(|(map, _)| map)
+    }
 }
 
 /// Everything in a file but the images.
@@ -308,5 +326,41 @@ pub(crate) fn require_pose_set_name<'a>(
         Ok(())
     } else {
         Err(SequenceError::PoseSetName(name.to_owned()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use geometry::Pose;
+
+    use super::*;
+
+    #[test]
+    fn the_largest_map_counts_what_is_not_lost_and_of_equals_is_the_first() {
+        let set = |poses: &[(u32, PoseState)]| StoredPoses {
+            head: PoseSetHead {
+                id: 1,
+                name: "live".to_owned(),
+                producer: String::new(),
+                stream: 1,
+            },
+            poses: (0..)
+                .zip(poses)
+                .map(|(number, &(map, state))| FramePose {
+                    map,
+                    state,
+                    ..FramePose::ok(number, Pose::IDENTITY)
+                })
+                .collect(),
+        };
+        let (ok, weak, lost) = (PoseState::Ok, PoseState::Weak(1), PoseState::Lost);
+        assert_eq!(set(&[]).largest_map(), None);
+        assert_eq!(set(&[(0, lost)]).largest_map(), None);
+        assert_eq!(set(&[(7, ok), (3, weak), (3, ok)]).largest_map(), Some(3));
+        assert_eq!(set(&[(7, ok), (3, lost), (3, lost)]).largest_map(), Some(7));
+        assert_eq!(
+            set(&[(9, ok), (4, ok), (9, weak), (4, ok)]).largest_map(),
+            Some(4)
+        );
     }
 }

@@ -206,6 +206,26 @@ impl FileLayer for PlainFile {
     }
 }
 
+impl Drop for MappedFile {
+    fn drop(&mut self) {
+        self.window = None;
+        unlock(&self.file);
+    }
+}
+
+impl Drop for PlainFile {
+    fn drop(&mut self) {
+        unlock(&self.file);
+    }
+}
+
+/// Gives the lock back now. Closing the file gives it back too, but not before a child that another thread is
+/// just starting has closed its copy.
+fn unlock(file: &File) {
+    // The file is closed next in any case.
+    let _ = flock(file, FlockOperation::Unlock);
+}
+
 fn free_bytes(file: &File) -> io::Result<u64> {
     let stat = rustix::fs::fstatvfs(file)?;
     Ok(stat.f_bavail.saturating_mul(stat.f_frsize))

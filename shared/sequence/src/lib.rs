@@ -57,7 +57,7 @@ pub mod writer;
 
 pub use cameras::{
     ColorCamera, ColorEncoding, DepthCamera, DepthSamples, Device, ResponseCurve, ShiftConstants,
-    StreamTiming, Streams, TickClock, VignettingCurve,
+    StreamTiming, Streams, TickClock, VignettingCurve, YuvMeaning,
 };
 pub use checksum::FileId;
 pub use contents::Contents;

@@ -43,7 +43,8 @@ pub struct Recording {
 pub struct PoseSet {
     /// `source`, `live`, `refined` …
     pub name: String,
-    /// World from depth camera; `None` where the producer has no pose, or has lost the camera.
+    /// World from depth camera; `None` where the producer has no pose, has lost the camera, or was in another
+    /// world than for most frames (see [`StoredPoses::largest_map`]).
     pub world_from_depth: Vec<Option<Pose>>,
 }
 
@@ -174,6 +175,24 @@ impl Recording {
             .frame(place)
             .map_err(|error| self.blame(error, "color", index))?
             .0)
+    }
+
+    /// Whether the depth of pair `index` is that of the depth frame before it, byte for byte: nothing new was
+    /// seen, and the time is not that of the image.
+    ///
+    /// # Panics
+    /// When `index` is not below [`Recording::frame_count`].
+    pub fn depth_is_repeat(&self, index: usize) -> bool {
+        self.depth_place_of(index).is_repeat()
+    }
+
+    /// The same of the colour of pair `index`.
+    ///
+    /// # Panics
+    /// When `index` is not below [`Recording::frame_count`].
+    pub fn color_is_repeat(&self, index: usize) -> bool {
+        let places = self.contents.stream(self.description.color_id);
+        places[self.pairs[index].color].is_repeat()
     }
 
     /// Depth samples of pair `index`, as the sensor gave them: 0 and 65535 are no measurement, others times
@@ -411,6 +430,7 @@ fn pose_set(
     contents: &Contents,
     pairs: &[Pair],
 ) -> PoseSet {
+    let map = stored.largest_map();
     let is_color = stored.head.stream == description.color_id;
     let color_from_depth = description.streams.color_from_depth;
     let places = contents.stream(stored.head.stream);
@@ -420,8 +440,8 @@ fn pose_set(
             .poses
             .binary_search_by_key(&place.label.number, |pose| pose.number);
         let pose = stored.poses.get(found.ok()?)?;
-        let world_from_camera =
-            (pose.state != PoseState::Lost).then_some(pose.world_from_camera)?;
+        let is_known = pose.state != PoseState::Lost && Some(pose.map) == map;
+        let world_from_camera = is_known.then_some(pose.world_from_camera)?;
         Some(if is_color {
             world_from_camera * color_from_depth
         } else {

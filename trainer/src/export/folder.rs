@@ -36,10 +36,8 @@ pub(crate) fn write(
     part.write("poses.txt", text.as_bytes())?;
     let json = frames_json(files, &written.pairs, &singles)?;
     part.write("frames.json", json.as_bytes())?;
-    // Where there is no rig, an import has no use for the images.
-    if let Some(rig) = Rig::of(&files.streams(), PoseCamera::Depth, PoseStamps::Own, None) {
-        part.write("rig.toml", rig.to_toml()?.as_bytes())?;
-    }
+    let rig = Rig::of(&files.streams(), PoseCamera::Depth, PoseStamps::Own, None);
+    part.write("rig.toml", rig.to_toml()?.as_bytes())?;
     if let Some(split) = written.split(files) {
         part.write("split.json", split.as_bytes())?;
     }
@@ -113,14 +111,11 @@ fn readme(files: &FrameFiles, poses: &ExportPoses, sentence: &str, missing: &[St
     readme.line("unpaired/NNNNNN.*: images without a partner, by their numbers in their streams");
     readme.line("poses.txt: a line for each pair; seven times nan where the pose is not known");
     readme.line("frames.json: all times and numbers, gaps, events, notes, gravity, histograms, pose sets, description of the streams; times and counters are strings of decimal digits, since they exceed 2^53");
-    if files.is_color_developed() {
-        readme.line("rig.toml: both cameras; with it `glint import` reads this folder, by the depth times of poses.txt; what frames.json says more it does not read");
-    } else {
-        readme.line("no rig.toml: `glint import` cannot read this colour");
-    }
+    readme.line("rig.toml: both cameras; with it `glint import` reads this folder: all images with the numbers, times and gaps of frames.json, and the poses of poses.txt");
     readme.common(files, poses, PoseCamera::Depth);
     readme.heading("Not carried over");
     readme.line("nothing but the form: chunks, checksums and codes of the recording");
+    readme.line("(an import reads no events, notes, gravity, histograms and no pose sets from frames.json: images without a partner come back without poses)");
     readme.missing(missing);
     readme.text()
 }

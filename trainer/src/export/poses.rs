@@ -1,7 +1,5 @@
 //! Which poses an export writes.
 
-use std::collections::BTreeMap;
-
 use anyhow::bail;
 use geometry::Pose;
 use sequence::contents::StoredPoses;
@@ -44,10 +42,8 @@ impl<'a> ExportPoses<'a> {
             }
             notes.push(format!("no poses are exported: {sentence}"));
         }
-        let map = set.map_or(0, largest_map);
-        let other_count = set.map_or(0, |set| {
-            usable(set).filter(|(other, _)| *other != map).count()
-        });
+        let map = set.and_then(StoredPoses::largest_map).unwrap_or(0);
+        let other_count = set.map_or(0, |set| usable(set).filter(|other| *other != map).count());
         if other_count > 0 {
             notes.push(format!(
                 "{} of other maps than number {map} left out: they are in other worlds",
@@ -106,26 +102,13 @@ impl<'a> ExportPoses<'a> {
     }
 }
 
-/// Map and number of every pose that is not lost.
-fn usable(set: &StoredPoses) -> impl Iterator<Item = (u32, u64)> {
+/// Maps of the poses that are not lost.
+fn usable(set: &StoredPoses) -> impl Iterator<Item = u32> {
     let poses = set
         .poses
         .iter()
         .filter(|pose| pose.state != PoseState::Lost);
-    poses.map(|pose| (pose.map, pose.number))
-}
-
-/// The map with the most poses, the first of equals.
-fn largest_map(set: &StoredPoses) -> u32 {
-    let mut counts = BTreeMap::new();
-    for (map, _) in usable(set) {
-        *counts.entry(map).or_insert(0_usize) += 1;
-    }
-    counts
-        .into_iter()
-        .rev()
-        .max_by_key(|(_, count)| *count)
-        .map_or(0, |(map, _)| map)
+    poses.map(|pose| pose.map)
 }
 
 /// A line of a TUM trajectory, every number to its last bit. Without a pose it says `nan`.

@@ -39,9 +39,8 @@ pub(crate) fn write(
     }
     let streams = files.streams();
     let rate_hz = streams.depth_timing.rate_hz.or(written.mean_rate_hz());
-    if let Some(rig) = Rig::of(&streams, PoseCamera::Depth, PoseStamps::Own, rate_hz) {
-        part.write("rig.toml", rig.to_toml()?.as_bytes())?;
-    }
+    let rig = Rig::of(&streams, PoseCamera::Depth, PoseStamps::Own, rate_hz);
+    part.write("rig.toml", rig.to_toml()?.as_bytes())?;
     if let Some(split) = written.split(files) {
         part.write("split.json", split.as_bytes())?;
     }

@@ -65,9 +65,8 @@ pub(crate) fn write(
         // An import wants poses of depth frames: between those of the colour frames.
         PoseCamera::Color => PoseStamps::Own,
     };
-    if let Some(rig) = Rig::of(&files.streams(), poses.camera(), stamps, None) {
-        part.write("rig.toml", rig.to_toml()?.as_bytes())?;
-    }
+    let rig = Rig::of(&files.streams(), poses.camera(), stamps, None);
+    part.write("rig.toml", rig.to_toml()?.as_bytes())?;
     if let Some(split) = names.split(files) {
         part.write("split.json", split.as_bytes())?;
     }

@@ -3,12 +3,15 @@
 use std::path::Path;
 
 use geometry::Intrinsics;
-use imaging::{Image, decode_jpeg, decode_png_gray16, decode_png_rgb8, metres_from_raw};
+use imaging::{
+    Image, decode_jpeg, decode_png_gray16, decode_png_mosaic8, decode_png_rgb8, metres_from_raw,
+};
 use rayon::prelude::*;
 use sequence::codecs::DepthCodec;
 use sequence::encode::{ColorStreamEncoder, DepthStreamEncoder};
 use sequence::{
-    COLOR_STREAM, ColorEncoding, DEPTH_STREAM, FrameTimes, RecordingWriter, SequenceError, Streams,
+    COLOR_STREAM, ColorEncoding, DEPTH_STREAM, FrameTimes, Gap, RecordingWriter, SequenceError,
+    Streams,
 };
 
 use super::checks::median_code;
@@ -33,25 +36,43 @@ pub(crate) fn depth_codes(
     Ok(codes)
 }
 
-/// What the colour encoder takes: the file itself for JPEG, the samples for PNG.
+/// What the colour encoder takes: the file itself for JPEG and YUV, the samples for PNG.
 fn color_frame(path: &Path, file: Vec<u8>, streams: &Streams) -> Result<Vec<u8>, ImportError> {
-    let is_jpeg = streams.color.encoding == ColorEncoding::Jpeg;
-    // A JPEG too, so that what is written can be read.
-    let decoded = if is_jpeg {
-        decode_jpeg(&file)
-    } else {
-        decode_png_rgb8(&file)
-    };
-    let decoded = decoded.map_err(|source| ImportError::Image {
+    let camera = &streams.color.intrinsics;
+    let unfit = |source| ImportError::Image {
         path: path.to_path_buf(),
         source,
-    })?;
-    require_size(path, "color", &decoded, &streams.color.intrinsics)?;
-    Ok(if is_jpeg {
-        file
-    } else {
-        decoded.pixels().as_flattened().to_vec()
-    })
+    };
+    match streams.color.encoding {
+        ColorEncoding::Jpeg => {
+            // Decoded too, so that what is written can be read.
+            let decoded = decode_jpeg(&file).map_err(unfit)?;
+            require_size(path, "color", &decoded, camera)?;
+            Ok(file)
+        }
+        ColorEncoding::Rgb8 => {
+            let decoded = decode_png_rgb8(&file).map_err(unfit)?;
+            require_size(path, "color", &decoded, camera)?;
+            Ok(decoded.pixels().as_flattened().to_vec())
+        }
+        ColorEncoding::BayerGrbg => {
+            let mosaic = decode_png_mosaic8(&file).map_err(unfit)?;
+            require_size(path, "color", &mosaic, camera)?;
+            Ok(mosaic.pixels().to_vec())
+        }
+        ColorEncoding::Uyvy | ColorEncoding::Yuyv => {
+            // 16384 pixels a side at most: in range.
+            let expected = 2 * camera.width() as usize * camera.height() as usize;
+            if file.len() == expected {
+                return Ok(file);
+            }
+            Err(ImportError::RawSize {
+                path: path.to_path_buf(),
+                bytes: file.len(),
+                expected,
+            })
+        }
+    }
 }
 
 fn require_size<T>(
@@ -95,7 +116,7 @@ pub(crate) fn copy_images(
     writer: &mut RecordingWriter,
     progress: &mut dyn FnMut(usize, usize),
 ) -> anyhow::Result<Copied> {
-    let mut copier = Copier::new(streams)?;
+    let mut copier = Copier::new(streams, &source.gaps)?;
     let order = source.in_order_of_time();
     let mut done_count = 0;
     for batch in order.chunks(BATCH) {
@@ -111,6 +132,8 @@ pub(crate) fn copy_images(
             progress(done_count, order.len());
         }
     }
+    copier.write_gaps(writer, DEPTH_STREAM, u64::MAX)?;
+    copier.write_gaps(writer, COLOR_STREAM, u64::MAX)?;
     Ok(copier.copied)
 }
 
@@ -118,10 +141,25 @@ pub(crate) fn copy_images(
 pub(crate) struct Copied {
     depth: DepthReport,
     histogram: Vec<u64>,
-    /// Numbers of the depth images that equal the one before, sample by sample.
-    pub(crate) repeated_depth: Vec<u32>,
-    /// Numbers of the colour images that equal the one before (JPEG: byte for byte).
-    pub(crate) repeated_color: Vec<u32>,
+    /// Depth images that equal the one before, sample by sample.
+    pub(crate) repeated_depth: Repeats,
+    /// Colour images that equal the one before (JPEG: byte for byte).
+    pub(crate) repeated_color: Repeats,
+}
+
+/// Images that equal the one before.
+#[derive(Default)]
+pub(crate) struct Repeats {
+    pub(crate) count: usize,
+    /// Their numbers in the folder, of those that have one.
+    pub(crate) numbers: Vec<u32>,
+}
+
+impl Repeats {
+    fn add(&mut self, image: &SourceImage) {
+        self.count += 1;
+        self.numbers.extend(image.number);
+    }
 }
 
 impl Copied {
@@ -142,27 +180,30 @@ struct Copier<'a> {
     color_encoder: ColorStreamEncoder,
     previous_depth: Option<Image<u16>>,
     previous_color: Option<Vec<u8>>,
-    /// Numbers of the next frames in the recording.
-    next_depth: u64,
-    next_color: u64,
+    /// Gaps of each stream that were not written yet.
+    depth_gaps: &'a [Gap],
+    color_gaps: &'a [Gap],
     copied: Copied,
 }
 
 impl<'a> Copier<'a> {
-    fn new(streams: &'a Streams) -> Result<Self, SequenceError> {
+    /// `gaps` by stream and number.
+    fn new(streams: &'a Streams, gaps: &'a [Gap]) -> Result<Self, SequenceError> {
+        let depth_count = gaps.partition_point(|gap| gap.stream == DEPTH_STREAM);
+        let (depth_gaps, color_gaps) = gaps.split_at(depth_count);
         Ok(Self {
             streams,
             depth_encoder: DepthStreamEncoder::new(streams, DepthCodec::Dense)?,
             color_encoder: ColorStreamEncoder::new(streams)?,
             previous_depth: None,
             previous_color: None,
-            next_depth: 0,
-            next_color: 0,
+            depth_gaps,
+            color_gaps,
             copied: Copied {
                 depth: DepthReport::default(),
                 histogram: vec![0; 1 << 16],
-                repeated_depth: Vec::new(),
-                repeated_color: Vec::new(),
+                repeated_depth: Repeats::default(),
+                repeated_color: Repeats::default(),
             },
         })
     }
@@ -177,7 +218,7 @@ impl<'a> Copier<'a> {
             Loaded::Depth(codes) => self.write_depth(writer, image, codes)?,
             Loaded::Color(frame) => self.write_color(writer, image, frame)?,
         }
-        writer.seal_if_due(image.time_nanos)
+        writer.seal_if_due(image.times.device_nanos)
     }
 
     fn write_depth(
@@ -187,15 +228,18 @@ impl<'a> Copier<'a> {
         codes: Image<u16>,
     ) -> Result<(), SequenceError> {
         let is_repeat = self.previous_depth.as_ref() == Some(&codes);
+        self.write_gaps(writer, DEPTH_STREAM, image.times.number)?;
         let (payload, table) = self.depth_encoder.encode(codes.pixels())?;
         if let Some(table) = table {
             writer.write_table(DEPTH_STREAM, table)?;
         }
-        let times = times(self.next_depth, image, is_repeat);
+        let times = FrameTimes {
+            is_repeat,
+            ..image.times
+        };
         writer.write_frame(DEPTH_STREAM, &times, payload)?;
-        self.next_depth += 1;
         if is_repeat {
-            self.copied.repeated_depth.push(image.number);
+            self.copied.repeated_depth.add(image);
         }
         self.count(&codes);
         self.previous_depth = Some(codes);
@@ -209,14 +253,38 @@ impl<'a> Copier<'a> {
         frame: Vec<u8>,
     ) -> Result<(), SequenceError> {
         let is_repeat = self.previous_color.as_ref() == Some(&frame);
+        self.write_gaps(writer, COLOR_STREAM, image.times.number)?;
         let payload = self.color_encoder.encode(&frame)?;
-        let times = times(self.next_color, image, is_repeat);
+        let times = FrameTimes {
+            is_repeat,
+            ..image.times
+        };
         writer.write_frame(COLOR_STREAM, &times, payload)?;
-        self.next_color += 1;
         if is_repeat {
-            self.copied.repeated_color.push(image.number);
+            self.copied.repeated_color.add(image);
         }
         self.previous_color = Some(frame);
+        Ok(())
+    }
+
+    /// The gaps of a stream that come before frame `number`.
+    fn write_gaps(
+        &mut self,
+        writer: &mut RecordingWriter,
+        stream: u16,
+        number: u64,
+    ) -> Result<(), SequenceError> {
+        let gaps = match stream {
+            DEPTH_STREAM => &mut self.depth_gaps,
+            _ => &mut self.color_gaps,
+        };
+        while let Some((gap, rest)) = gaps.split_first() {
+            if gap.first_number >= number {
+                break;
+            }
+            writer.write_gap(gap)?;
+            *gaps = rest;
+        }
         Ok(())
     }
 
@@ -228,14 +296,5 @@ impl<'a> Copier<'a> {
         let (_, counts) = metres_from_raw(codes, camera.depth_scale, camera.depth_range.clone());
         self.copied.depth.measured_count += counts.measured_count;
         self.copied.depth.out_of_range_count += counts.out_of_range_count;
-    }
-}
-
-fn times(number: u64, image: &SourceImage, is_repeat: bool) -> FrameTimes {
-    FrameTimes {
-        number,
-        device_nanos: image.time_nanos,
-        is_repeat,
-        ..FrameTimes::default()
     }
 }

@@ -82,6 +82,15 @@ pub enum ImportError {
         /// The rig file.
         path: PathBuf,
     },
+    /// A meaning of YUV samples that is not known, or of samples that are none.
+    #[error(
+        "{}: color.yuv belongs to the formats uyvy and yuyv and says matrix = \"bt601\" or \"bt709\", range = \"full\" or \"limited\", siting = \"left\" or \"center\"",
+        path.display()
+    )]
+    RigYuv {
+        /// The rig file.
+        path: PathBuf,
+    },
     /// Intrinsics that no camera has.
     #[error("{}: {stream} camera: {source}; correct the intrinsics in the rig file", path.display())]
     Camera {
@@ -245,6 +254,16 @@ pub enum ImportError {
         camera_width: u32,
         /// Rows of the camera.
         camera_height: u32,
+    },
+    /// A raw colour frame of another length than its camera's.
+    #[error("{}: {bytes} bytes, a raw frame of the color camera of the rig file has {expected}: width and height must be those of the images, without padding", path.display())]
+    RawSize {
+        /// The image.
+        path: PathBuf,
+        /// Its length.
+        bytes: usize,
+        /// The length of a frame.
+        expected: usize,
     },
     /// Depth images without a measurement.
     #[error("none of the depth images looked at ({}, …) holds a measurement: is it the right folder?", path.display())]

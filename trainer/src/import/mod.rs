@@ -2,17 +2,20 @@
 //!
 //! [`rig`] cameras from TOML (`judge` their numbers, `transform` between them; `rig_writing` the other way) ·
 //! `source` two streams of images with their times, and poses · `folder`, `seven_scenes` and `tum` the
-//! layouts (`trajectory` lines of text with times) · `split` who may see what · [`checks`] plausibility,
+//! layouts (`trajectory` lines of text with times, `frames_json` and `gaps` what a recording knew before it was
+//! exported) · `split` who may see what · [`checks`] plausibility,
 //! before anything is written · `copy` images into the recording · [`report`] what was done · [`error`] what
 //! is refused.
 //!
-//! Every pixel and every time is kept: depth and PNG colour are coded anew without loss, JPEG keeps its bytes (and is decoded
-//! once, so that what is written can be read). Masks and truth beside the frames are not looked at.
+//! Every pixel and every time is kept: depth, PNG and raw colour are coded anew without loss, JPEG keeps its
+//! bytes (and is decoded once, so that what is written can be read). Masks and truth beside the frames are not looked at.
 
 pub mod checks;
 mod copy;
 pub mod error;
 mod folder;
+mod frames_json;
+mod gaps;
 mod judge;
 pub mod report;
 pub mod rig;
@@ -42,7 +45,7 @@ use checks::{check_depth_unit, check_pose_direction};
 use copy::{copy_images, depth_codes};
 use error::read_file;
 use rig::{PoseCamera, Rig};
-use source::Source;
+use source::{Source, SourceImage};
 
 /// Name of the pose set that an import makes.
 pub const POSE_SET: &str = "source";
@@ -50,7 +53,7 @@ pub const POSE_SET: &str = "source";
 /// Layout of a folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 pub enum ImportFormat {
-    /// `frame-NNNNNN.color.png` (or .jpg), `.depth.png`, `.pose.txt` in one folder.
+    /// `frame-NNNNNN.color.png` (or .jpg, .yuv), `.depth.png`, `.pose.txt` in one folder.
     #[value(name = "7scenes")]
     #[serde(rename = "7scenes")]
     SevenScenes,
@@ -58,7 +61,7 @@ pub enum ImportFormat {
     #[value(name = "tum")]
     #[serde(rename = "tum")]
     Tum,
-    /// `frames/NNNNNN.color.jpg` (or .png), `frames/NNNNNN.depth.png`, `poses.txt`.
+    /// `frames/NNNNNN.color.jpg` (or .png, .yuv), `frames/NNNNNN.depth.png`, `poses.txt`.
     #[value(name = "folder")]
     #[serde(rename = "folder")]
     Folder,
@@ -112,6 +115,11 @@ pub fn import(
         ImportFormat::Tum => tum::read(&options.input, range, rig.pose_stamps)?,
     };
     require_encoding(&source, streams.color.encoding)?;
+    if let Some(recorded) = &source.recorded {
+        streams.depth_timing = recorded.depth_timing;
+        streams.color_timing = recorded.color_timing;
+        streams.device = recorded.device.clone();
+    }
     let split_path = options.split.clone().or_else(|| {
         let beside = options.input.join("split.json");
         beside.exists().then_some(beside)
@@ -121,9 +129,11 @@ pub fn import(
     let pose_fit = check_samples(&source, &poses, &streams)?;
 
     let mut writer = begin(options, &source, &streams, &split)?;
-    let posed = (0..)
+    let posed = source
+        .depth
+        .iter()
         .zip(&poses)
-        .filter_map(|(number, pose)| Some(FramePose::ok(number, (*pose)?)));
+        .filter_map(|(image, pose)| Some(FramePose::ok(image.times.number, (*pose)?)));
     let frame_poses: Vec<FramePose> = posed.collect();
     let set = if frame_poses.is_empty() {
         None
@@ -160,10 +170,10 @@ pub fn import(
         test_count: split.test.len(),
         duration_s: duration_s(&source),
         depth: copied.depth_report(streams.depth.depth_scale),
-        repeated_depth_count: copied.repeated_depth.len(),
-        repeated_color_count: copied.repeated_color.len(),
-        repeated_depth_frames: copied.repeated_depth,
-        repeated_color_frames: copied.repeated_color,
+        repeated_depth_count: copied.repeated_depth.count,
+        repeated_color_count: copied.repeated_color.count,
+        repeated_depth_frames: copied.repeated_depth.numbers,
+        repeated_color_frames: copied.repeated_color.numbers,
         worst_rotation_error: source.worst_rotation_error,
         pose_fit,
         notes,
@@ -196,17 +206,27 @@ fn begin(
             let bytes = std::fs::metadata(&image.path).map_or(0, |metadata| metadata.len());
             let name = image.path.strip_prefix(&options.input);
             (
-                image.number,
-                image.time_nanos,
+                image.number.unwrap_or_default(),
+                image.times.device_nanos,
                 bytes,
                 name.ok().map(Path::to_path_buf),
             )
         })
         .collect();
-    let file_id = FileId::of_content(&[
-        &description.to_json()?,
-        format!("{split:?} {:?} {images:?}", source.world_from_camera).as_bytes(),
-    ]);
+    let json = description.to_json()?;
+    let text = format!("{split:?} {:?} {images:?}", source.world_from_camera);
+    let mut parts = vec![json.as_slice(), text.as_bytes()];
+    let times = |images: &[SourceImage]| images.iter().map(|image| image.times).collect::<Vec<_>>();
+    let recorded = format!(
+        "{:?} {:?} {:?}",
+        times(&source.depth),
+        times(&source.color),
+        source.gaps
+    );
+    if source.recorded.is_some() {
+        parts.push(recorded.as_bytes());
+    }
+    let file_id = FileId::of_content(&parts);
     RecordingWriter::create_beside(&options.output, file_id, &description)
 }
 
@@ -217,7 +237,7 @@ fn duration_s(source: &Source) -> f64 {
             .depth
             .iter()
             .chain(&source.color)
-            .map(|image| i128::from(image.time_nanos))
+            .map(|image| i128::from(image.times.device_nanos))
     };
     let (first, last) = (nanos().min().unwrap_or(0), nanos().max().unwrap_or(0));
     (last - first) as f64 / 1e9
@@ -246,15 +266,21 @@ fn recognise(folder: &Path) -> Result<ImportFormat, ImportError> {
 
 /// All colour images must be what the rig file says; the names tell.
 fn require_encoding(source: &Source, encoding: ColorEncoding) -> Result<(), ImportError> {
+    let expected = match encoding {
+        ColorEncoding::Jpeg => "jpeg",
+        ColorEncoding::Rgb8 | ColorEncoding::BayerGrbg => "png",
+        ColorEncoding::Uyvy | ColorEncoding::Yuyv => "yuv",
+    };
     for image in &source.color {
-        let is_png = image
+        let extension = image
             .path
             .extension()
-            .is_some_and(|extension| extension == "png");
-        if is_png != (encoding == ColorEncoding::Rgb8) {
+            .and_then(|extension| extension.to_str());
+        let is_raw = extension.filter(|extension| ["png", "yuv"].contains(extension));
+        if is_raw.unwrap_or("jpeg") != expected {
             return Err(ImportError::MixedColor {
                 path: image.path.clone(),
-                expected: if is_png { "jpeg" } else { "png" },
+                expected,
             });
         }
     }

@@ -39,9 +39,9 @@ pub struct ImportReport {
     pub repeated_depth_count: usize,
     /// Colour images that repeat the one before byte for byte.
     pub repeated_color_count: usize,
-    /// Their numbers in the folder.
+    /// Their numbers in the folder, of those in pairs.
     pub repeated_depth_frames: Vec<u32>,
-    /// Their numbers in the folder.
+    /// Their numbers in the folder, of those in pairs.
     pub repeated_color_frames: Vec<u32>,
     /// How far the worst rotation was from one before it was made one (largest entry of RᵀR − I, or distance
     /// of a quaternion's length from 1).
@@ -126,8 +126,16 @@ impl fmt::Display for ImportReport {
         write!(
             f,
             "\nrepeated frames: {}; {}",
-            repeats("depth", &self.repeated_depth_frames),
-            repeats("colour", &self.repeated_color_frames),
+            repeats(
+                "depth",
+                self.repeated_depth_count,
+                &self.repeated_depth_frames
+            ),
+            repeats(
+                "colour",
+                self.repeated_color_count,
+                &self.repeated_color_frames
+            ),
         )?;
         for note in &self.notes {
             write!(f, "\nnote: {note}")?;
@@ -140,8 +148,8 @@ impl fmt::Display for ImportReport {
 const MOST_LISTED: usize = 8;
 
 /// "17 depth (222, 305, …)".
-fn repeats(stream: &str, frames: &[u32]) -> String {
-    let mut text = format!("{} {stream}", frames.len());
+fn repeats(stream: &str, count: usize, frames: &[u32]) -> String {
+    let mut text = format!("{count} {stream}");
     if frames.is_empty() {
         return text;
     }

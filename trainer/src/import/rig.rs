@@ -5,6 +5,7 @@ use std::path::Path;
 use geometry::Pose;
 use sequence::{
     ColorCamera, ColorEncoding, DepthCamera, ResponseCurve, StreamTiming, Streams, VignettingCurve,
+    YuvMeaning,
 };
 use serde::{Deserialize, Serialize};
 
@@ -84,6 +85,8 @@ pub struct ColorRig {
     pub(super) distortion: Vec<f64>,
     /// The code of linear 1.0; only 255.
     pub(super) white_level: Option<f64>,
+    /// What YUV samples mean, where it is known.
+    pub(super) yuv: Option<YuvMeaning>,
     pub(super) response: Option<ResponseCurve>,
     pub(super) vignetting: Option<VignettingCurve>,
     pub(super) exposure: Option<ExposureRig>,
@@ -98,14 +101,34 @@ pub(super) enum ColorFileFormat {
     Jpeg,
     /// PNG of 8 bits a channel.
     Png,
+    /// The raw mosaic, even rows G R G R …, odd rows B G B G …, as PNG of 8 bits grey.
+    BayerGrbg,
+    /// Raw YUV 4:2:2, U Y V Y, rows without padding and nothing else, in files called `.yuv`.
+    Uyvy,
+    /// The same as Y U Y V.
+    Yuyv,
 }
 
 impl ColorFileFormat {
     /// How a recording keeps them.
-    fn encoding(self) -> ColorEncoding {
+    pub(super) fn encoding(self) -> ColorEncoding {
         match self {
             Self::Jpeg => ColorEncoding::Jpeg,
             Self::Png => ColorEncoding::Rgb8,
+            Self::BayerGrbg => ColorEncoding::BayerGrbg,
+            Self::Uyvy => ColorEncoding::Uyvy,
+            Self::Yuyv => ColorEncoding::Yuyv,
+        }
+    }
+
+    /// The files that a recording's colour makes.
+    pub(super) fn of(encoding: ColorEncoding) -> Self {
+        match encoding {
+            ColorEncoding::Jpeg => Self::Jpeg,
+            ColorEncoding::Rgb8 => Self::Png,
+            ColorEncoding::BayerGrbg => Self::BayerGrbg,
+            ColorEncoding::Uyvy => Self::Uyvy,
+            ColorEncoding::Yuyv => Self::Yuyv,
         }
     }
 }
@@ -203,19 +226,25 @@ impl Rig {
             near..=far,
         )
         .map_err(describe)?;
+        let mut color_camera = ColorCamera::new(
+            judge.camera("color", color.intrinsics())?,
+            color.format.encoding(),
+            color.exposure.map_or(1.0, |exposure| exposure.relative) as f32,
+            color.response.clone().unwrap_or(ResponseCurve::Identity),
+            color.vignetting.clone().unwrap_or(VignettingCurve::None),
+        )
+        .map_err(describe)?;
+        color_camera.yuv = color.yuv_meaning(&judge)?;
+        if let Some(format) = color_camera.encoding.lossless() {
+            let size = format.frame_bytes(color.width, color.height);
+            size.map_err(|error| describe(error.into()))?;
+        }
         let streams = Streams {
             depth: DepthCamera {
                 is_registered: depth.registered,
                 ..depth_camera
             },
-            color: ColorCamera::new(
-                judge.camera("color", color.intrinsics())?,
-                color.format.encoding(),
-                color.exposure.map_or(1.0, |exposure| exposure.relative) as f32,
-                color.response.clone().unwrap_or(ResponseCurve::Identity),
-                color.vignetting.clone().unwrap_or(VignettingCurve::None),
-            )
-            .map_err(describe)?,
+            color: color_camera,
             color_from_depth: self.color_from_depth(path)?,
             // Only a folder without times is known to have a rate: the importer sets it.
             depth_timing: StreamTiming::default(),
@@ -316,6 +345,29 @@ impl ColorRig {
             cy,
             distortion: &self.distortion,
         }
+    }
+
+    /// What YUV samples mean; refuses words that a recording does not have, and samples that are no YUV.
+    fn yuv_meaning(&self, judge: &Judge) -> Result<Option<YuvMeaning>, ImportError> {
+        let Some(yuv) = &self.yuv else {
+            return Ok(None);
+        };
+        let is_yuv = matches!(self.format, ColorFileFormat::Uyvy | ColorFileFormat::Yuyv);
+        let known = [
+            (&yuv.matrix, ["bt601", "bt709"]),
+            (&yuv.range, ["full", "limited"]),
+            (&yuv.siting, ["left", "center"]),
+        ];
+        if is_yuv
+            && known
+                .iter()
+                .all(|(word, words)| words.contains(&word.as_str()))
+        {
+            return Ok(Some(yuv.clone()));
+        }
+        Err(ImportError::RigYuv {
+            path: judge.path.to_path_buf(),
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! A rig file from a recording's cameras: what an export writes and an import reads.
 
 use geometry::{Distortion, Intrinsics};
-use sequence::{ColorEncoding, Streams};
+use sequence::Streams;
 
 use super::rig::{
     ColorFileFormat, ColorRig, DepthFormat, DepthRig, ExposureRig, PoseCamera, PoseStamps, Rig,
@@ -10,7 +10,7 @@ use super::rig::{
 use super::transform::RigTransform;
 
 impl Rig {
-    /// The rig of a recording; `None` where its colour has no file format that an import reads.
+    /// The rig of a recording.
     ///
     /// `frame_rate` in frames a second is for layouts without times.
     pub fn of(
@@ -18,15 +18,10 @@ impl Rig {
         poses: PoseCamera,
         pose_stamps: PoseStamps,
         frame_rate: Option<f64>,
-    ) -> Option<Self> {
+    ) -> Self {
         let (depth, color) = (&streams.depth, &streams.color);
         let (depth_lens, color_lens) = (Lens::of(&depth.intrinsics), Lens::of(&color.intrinsics));
-        let format = match color.encoding {
-            ColorEncoding::Jpeg => ColorFileFormat::Jpeg,
-            ColorEncoding::Rgb8 => ColorFileFormat::Png,
-            ColorEncoding::BayerGrbg | ColorEncoding::Uyvy | ColorEncoding::Yuyv => return None,
-        };
-        Some(Self {
+        Self {
             frame_rate,
             sync: ShutterSync::Unknown,
             poses,
@@ -34,13 +29,14 @@ impl Rig {
             color: ColorRig {
                 width: color_lens.width,
                 height: color_lens.height,
-                format,
+                format: ColorFileFormat::of(color.encoding),
                 fx: color_lens.focal[0],
                 fy: color_lens.focal[1],
                 cx: color_lens.center[0],
                 cy: color_lens.center[1],
                 distortion: color_lens.distortion,
                 white_level: None,
+                yuv: color.yuv.clone(),
                 response: Some(color.response_curve().clone()),
                 vignetting: Some(color.vignetting_curve().clone()),
                 exposure: Some(ExposureRig {
@@ -66,7 +62,7 @@ impl Rig {
                 depth_from_color: None,
                 sensor: None,
             },
-        })
+        }
     }
 
     /// The text of the file.

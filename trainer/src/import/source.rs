@@ -2,21 +2,27 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use geometry::Pose;
+use sequence::{FrameTimes, Gap};
 
 use super::error::ImportError;
+use super::frames_json::RecordedStreams;
 
 /// A folder with its frames found and its poses read, before any image is opened.
 #[derive(Clone, Debug)]
 pub(crate) struct Source {
-    /// Depth images wanted, by time. Never empty.
+    /// Depth images wanted, by the numbers of their frames. Never empty.
     pub(crate) depth: Vec<SourceImage>,
-    /// Colour images wanted, by time, as many as there are. Never empty.
+    /// Colour images wanted, by the numbers of their frames. Never empty.
     pub(crate) color: Vec<SourceImage>,
     /// World from the camera that the rig file names, one for each of `depth`, where it is known.
     pub(crate) world_from_camera: Vec<Option<Pose>>,
+    /// Frames of both streams that are known to be missing, by stream and number.
+    pub(crate) gaps: Vec<Gap>,
+    /// What the folder knows of the streams beside the rig file.
+    pub(crate) recorded: Option<RecordedStreams>,
     /// Numbers of all depth images of the folder, wanted or not.
     pub(crate) numbers: Range<usize>,
     /// Where the poses are, for messages.
@@ -31,14 +37,30 @@ pub(crate) struct Source {
 /// An image of one stream.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct SourceImage {
-    /// Number in its file name, or position in its list.
-    pub(crate) number: u32,
-    pub(crate) time_nanos: i64,
+    /// Number in its file name, or position in its list: what a split names. Images without a partner have
+    /// none.
+    pub(crate) number: Option<u32>,
+    /// Number and times of the frame in the recording; whether it repeats the one before is seen when it is
+    /// copied.
+    pub(crate) times: FrameTimes,
     pub(crate) path: PathBuf,
 }
 
+/// Gives frames whose numbers nobody knows those of their positions.
+pub(crate) fn number_frames(images: &mut [SourceImage]) {
+    for (number, image) in (0..).zip(images) {
+        image.times.number = number;
+    }
+}
+
+/// Whether a path in a file that was downloaded stays in the folder.
+pub(crate) fn is_inside(path: &Path) -> bool {
+    let is_plain = |part| matches!(part, Component::Normal(_) | Component::CurDir);
+    !path.as_os_str().is_empty() && path.components().all(is_plain)
+}
+
 impl Source {
-    /// A source whose images come in pairs of one time.
+    /// A source whose images come in pairs of one time, numbered from 0.
     pub(crate) fn of_pairs(
         pairs: Vec<PairedImages>,
         numbers: Range<usize>,
@@ -46,14 +68,24 @@ impl Source {
         worst_rotation_error: f64,
         notes: Vec<String>,
     ) -> Self {
-        let image = |pair: &PairedImages, path: &Path| SourceImage {
-            number: pair.number,
-            time_nanos: pair.time_nanos,
-            path: path.to_path_buf(),
+        let images = |path: fn(&PairedImages) -> &Path| {
+            let image = |pair: &PairedImages| SourceImage {
+                number: Some(pair.number),
+                times: FrameTimes {
+                    device_nanos: pair.time_nanos,
+                    ..FrameTimes::default()
+                },
+                path: path(pair).to_path_buf(),
+            };
+            let mut images: Vec<SourceImage> = pairs.iter().map(image).collect();
+            number_frames(&mut images);
+            images
         };
         Self {
-            depth: pairs.iter().map(|pair| image(pair, &pair.depth)).collect(),
-            color: pairs.iter().map(|pair| image(pair, &pair.color)).collect(),
+            depth: images(|pair| &pair.depth),
+            color: images(|pair| &pair.color),
+            gaps: Vec::new(),
+            recorded: None,
             world_from_camera: pairs.iter().map(|pair| pair.world_from_camera).collect(),
             numbers,
             poses_path,
@@ -62,14 +94,21 @@ impl Source {
         }
     }
 
-    /// The images of both streams in the order of their times, depth first where they are equal.
+    /// The images of both streams by time, depth first where times are equal; each stream keeps its order.
     pub(crate) fn in_order_of_time(&self) -> Vec<StreamImage> {
-        let depth = (0..self.depth.len()).map(StreamImage::Depth);
-        let mut order: Vec<StreamImage> = depth
-            .chain((0..self.color.len()).map(StreamImage::Color))
-            .collect();
-        // Stable: each stream keeps its order, depth its place before colour.
-        order.sort_by_key(|image| self.image(*image).time_nanos);
+        let mut order = Vec::with_capacity(self.depth.len() + self.color.len());
+        let mut color = (0..self.color.len()).peekable();
+        for depth in 0..self.depth.len() {
+            let nanos = self.depth[depth].times.device_nanos;
+            // Not sorted: where a clock was set back, numbers still rise.
+            while let Some(earlier) =
+                color.next_if(|&index| self.color[index].times.device_nanos < nanos)
+            {
+                order.push(StreamImage::Color(earlier));
+            }
+            order.push(StreamImage::Depth(depth));
+        }
+        order.extend(color.map(StreamImage::Color));
         order
     }
 
@@ -107,7 +146,7 @@ pub(crate) struct Images {
     pub(crate) numbers: Range<usize>,
 }
 
-const COLOR_SUFFIXES: [&str; 3] = [".color.jpg", ".color.jpeg", ".color.png"];
+const COLOR_SUFFIXES: [&str; 4] = [".color.jpg", ".color.jpeg", ".color.png", ".color.yuv"];
 const DEPTH_SUFFIXES: [&str; 1] = [".depth.png"];
 
 impl Images {
@@ -125,7 +164,7 @@ impl Images {
         let (Some(first), Some(last)) = (used().min(), used().max()) else {
             return Err(ImportError::NoFrames {
                 path: folder.to_path_buf(),
-                expected: "images (NNNNNN.color.jpg or .color.png, NNNNNN.depth.png)",
+                expected: "images (NNNNNN.color.jpg, .color.png or .color.yuv, NNNNNN.depth.png)",
             });
         };
         let numbers = first as usize..last as usize + 1;

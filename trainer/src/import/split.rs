@@ -21,15 +21,24 @@ struct SplitText {
     test: Vec<u32>,
 }
 
-/// The split of the frames of `source`, from a file or all for training; notes for the report.
+/// The split of the frames of `source`, by their numbers in the recording, from a file or all for training;
+/// notes for the report.
 pub(crate) fn split_of(
     source: &Source,
     path: Option<&Path>,
 ) -> Result<(Split, Vec<String>), ImportError> {
-    let frame_count = source.depth.len() as u32;
+    // Numbers of frames have 32 bits: whoever read the folder has seen to that.
+    let numbered = source
+        .depth
+        .iter()
+        .map(|image| (image.times.number as u32, image));
     let Some(path) = path else {
         let note = "no split file: every frame is for training, none is held out".to_owned();
-        return Ok((Split::all_train(frame_count), vec![note]));
+        let split = Split {
+            train: numbered.map(|(number, _)| number).collect(),
+            ..Split::default()
+        };
+        return Ok((split, vec![note]));
     };
     let text = read_text(path)?;
     let named: SplitText = serde_json::from_str(&text).map_err(|error| ImportError::Text {
@@ -60,14 +69,16 @@ pub(crate) fn split_of(
     );
     let mut split = Split::default();
     let mut unnamed_count = 0;
-    for (index, frame) in (0..).zip(&source.depth) {
-        if train.contains(&frame.number) {
-            split.train.push(index);
-        } else if test.contains(&frame.number) {
-            split.test.push(index);
+    for (number, image) in numbered {
+        let is_in = |list: &BTreeSet<u32>| image.number.is_some_and(|name| list.contains(&name));
+        if is_in(&train) {
+            split.train.push(number);
+        } else if is_in(&test) {
+            split.test.push(number);
         } else {
-            unnamed_count += usize::from(!seen.contains(&frame.number));
-            split.unused.push(index);
+            // A split names pairs: an image without a partner is in no list.
+            unnamed_count += usize::from(image.number.is_some() && !is_in(&seen));
+            split.unused.push(number);
         }
     }
     if split.train.is_empty() {

@@ -2,13 +2,14 @@
 //! `groundtruth.txt` a path with times of its own.
 
 use std::ops::Range;
-use std::path::{Component, Path};
+use std::path::Path;
 
 use geometry::Pose;
+use sequence::FrameTimes;
 
 use super::error::ImportError;
 use super::rig::PoseStamps;
-use super::source::{Source, SourceImage};
+use super::source::{Source, SourceImage, is_inside, number_frames};
 use super::trajectory::{TumLine, tum_lines};
 
 pub(crate) const DEPTH_LIST: &str = "depth.txt";
@@ -50,11 +51,13 @@ pub(crate) fn read(
             expected: "colour images of that time",
         });
     }
+    number_frames(&mut depth);
+    number_frames(&mut color);
     let poses_path = folder.join(POSE_LIST);
     let (path, worst_rotation_error) = read_path(&poses_path, &mut notes)?;
     let world_from_camera: Vec<Option<Pose>> = depth
         .iter()
-        .map(|image| pose_at(&path, image.time_nanos, stamps))
+        .map(|image| pose_at(&path, image.times.device_nanos, stamps))
         .collect();
     let unposed_count = world_from_camera
         .iter()
@@ -69,6 +72,8 @@ pub(crate) fn read(
         depth,
         color,
         world_from_camera,
+        gaps: Vec::new(),
+        recorded: None,
         numbers,
         poses_path,
         worst_rotation_error,
@@ -88,8 +93,11 @@ fn image_list(
     for line in tum_lines(&list)? {
         let (time_nanos, file) = line.time(&list)?;
         images.push(SourceImage {
-            number: 0,
-            time_nanos,
+            number: None,
+            times: FrameTimes {
+                device_nanos: time_nanos,
+                ..FrameTimes::default()
+            },
             path: folder.join(inside(&list, &line, file)?),
         });
     }
@@ -99,9 +107,9 @@ fn image_list(
             expected,
         });
     }
-    sort_by_time(&mut images, |image| image.time_nanos, name, notes);
+    sort_by_time(&mut images, |image| image.times.device_nanos, name, notes);
     for (number, image) in (0..).zip(&mut images) {
-        image.number = number;
+        image.number = Some(number);
     }
     Ok(images)
 }
@@ -109,10 +117,7 @@ fn image_list(
 /// A file name of a list, which must lie in the folder: a list that was downloaded chooses no other file.
 fn inside<'a>(list: &Path, line: &TumLine, file: &'a str) -> Result<&'a Path, ImportError> {
     let path = Path::new(file);
-    let is_inside = path
-        .components()
-        .all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-    if is_inside && !file.is_empty() {
+    if is_inside(path) {
         return Ok(path);
     }
     Err(line.wrong(
@@ -155,11 +160,11 @@ fn around(color: &[SourceImage], depth: &[SourceImage]) -> Vec<SourceImage> {
     let (Some(first), Some(last)) = (depth.first(), depth.last()) else {
         return Vec::new();
     };
-    let from = first.time_nanos.saturating_sub(COLOR_MARGIN_NANOS);
-    let to = last.time_nanos.saturating_add(COLOR_MARGIN_NANOS);
+    let from = first.times.device_nanos.saturating_sub(COLOR_MARGIN_NANOS);
+    let to = last.times.device_nanos.saturating_add(COLOR_MARGIN_NANOS);
     color
         .iter()
-        .filter(|image| (from..=to).contains(&image.time_nanos))
+        .filter(|image| (from..=to).contains(&image.times.device_nanos))
         .cloned()
         .collect()
 }

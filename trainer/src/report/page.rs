@@ -172,6 +172,9 @@ fn shape(
         div.row { @for (image, caption) in &figures { figure { (image) figcaption { (caption) } } } }
         p {
             (format!("{} frames fused at {:.1} mm: {} triangles. ", geometry.frame_count, geometry.voxel_mm, geometry.triangle_count))
+            @if geometry.repeated_frame_count > 0 {
+                (format!("{} frames were left out: their depth repeats the frame before. ", geometry.repeated_frame_count))
+            }
             (format!("{:.1} % of the measured depth lies on the surface (median {:.2} mm off). ",
                 100.0 * geometry.depth_fit_fraction, geometry.depth_residual_mm))
             (format!("Normals err by about {:.2} degrees after {} rounds of smoothing, which blurs a reflection by {:.2} degrees.",

@@ -9,7 +9,7 @@ use sequence::Recording;
 use serde::{Deserialize, Serialize};
 
 use super::Refusal;
-use super::poses::PosedFrame;
+use super::poses::{PosedFrame, without_repeats};
 
 /// What the stage found out, `geometry/summary.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -18,6 +18,9 @@ pub struct GeometrySummary {
     pub voxel_mm: f64,
     /// Frames fused.
     pub frame_count: usize,
+    /// Frames left out because their depth repeats the frame before.
+    #[serde(default)]
+    pub repeated_frame_count: usize,
     /// Vertices of the mesh.
     pub vertex_count: usize,
     /// Triangles of the mesh.
@@ -68,13 +71,19 @@ pub fn depth_tolerance(depth: f32) -> f32 {
     (4.0 * 2.9e-3 * depth * depth).max(0.006)
 }
 
-/// Fuses, meshes and judges. `progress(done, of)` is called after every frame.
+/// Fuses, meshes and judges; depth that repeats the frame before is left out. `progress(done, of)` is called
+/// after every frame.
 pub fn build(
     recording: &Recording,
     frames: &[PosedFrame],
     voxel_size: f32,
     progress: &mut dyn FnMut(usize, usize),
 ) -> anyhow::Result<Geometry> {
+    let (frames, repeated_frame_count) =
+        without_repeats(frames, |index| recording.depth_is_repeat(index));
+    if frames.is_empty() {
+        return Err(Refusal::NoSurface(0).into());
+    }
     let camera = &recording.depth_camera().intrinsics;
     let range = recording.depth_camera().depth_range.clone();
     let origin = frames
@@ -109,7 +118,7 @@ pub fn build(
     let normal_rounds = fusion::rounds_for_voxel(voxel_size);
     fusion::smooth_normals(&mut mesh, normal_rounds);
     let noise = fusion::normal_noise(&mesh, &raw_normals);
-    let fit = judge_fit(recording, frames, &mesh)?;
+    let fit = judge_fit(recording, &frames, &mesh)?;
     if fit.fraction < LEAST_FIT {
         return Err(Refusal::PosesDoNotFit {
             percent: 100.0 * fit.fraction,
@@ -121,6 +130,7 @@ pub fn build(
     let summary = GeometrySummary {
         voxel_mm: f64::from(voxel_size) * 1e3,
         frame_count: frames.len(),
+        repeated_frame_count,
         vertex_count: mesh.positions.len(),
         triangle_count: mesh.triangles.len(),
         block_count,

@@ -10,7 +10,7 @@ use raytrace::{Hit, MirrorQuery, NO_TRIANGLE, Scene, VisibilityBuffer, visibilit
 use sequence::Recording;
 
 use super::geometry::{depth_of, depth_tolerance};
-use super::poses::PosedFrame;
+use super::poses::{PosedFrame, without_repeats};
 
 /// The fused surface with what is needed to shade it. Positions count from `origin`.
 pub struct Surface {
@@ -85,6 +85,15 @@ pub struct FrameObservations {
     pub object_count: usize,
     /// Of these, lost to silhouettes, slant or unsure normals.
     pub dropped_count: usize,
+}
+
+/// What all frames say.
+#[derive(Clone, Debug, Default)]
+pub struct Observations {
+    /// In the order of the frames, without those whose colour repeats the frame before.
+    pub frames: Vec<FrameObservations>,
+    /// Frames that were left out for that.
+    pub repeated_frame_count: usize,
 }
 
 /// Which pixels are used.
@@ -216,7 +225,7 @@ pub fn hit_at(buffer: &VisibilityBuffer, index: usize) -> Option<Hit> {
     })
 }
 
-/// Looks at all frames, in parallel over frames; the result is in order of `frames`.
+/// Looks at all frames, in parallel over frames; colour that repeats the frame before is left out.
 pub fn observe(
     recording: &Recording,
     view: &ColorView,
@@ -225,9 +234,11 @@ pub fn observe(
     frames: &[PosedFrame],
     rules: &PixelRules,
     progress: &(dyn Fn(usize, usize) + Sync),
-) -> anyhow::Result<Vec<FrameObservations>> {
+) -> anyhow::Result<Observations> {
+    let (frames, repeated_frame_count) =
+        without_repeats(frames, |index| recording.color_is_repeat(index));
     let done = AtomicUsize::new(0);
-    frames
+    let observed: anyhow::Result<Vec<FrameObservations>> = frames
         .par_iter()
         .enumerate()
         .map(|(position, frame)| {
@@ -243,7 +254,11 @@ pub fn observe(
             progress(done.fetch_add(1, Ordering::Relaxed) + 1, frames.len());
             result
         })
-        .collect()
+        .collect();
+    Ok(Observations {
+        frames: observed?,
+        repeated_frame_count,
+    })
 }
 
 fn observe_frame(

@@ -42,6 +42,21 @@ pub fn training_frames(recording: &Recording, set: &str) -> Result<Vec<PosedFram
     Ok(frames)
 }
 
+/// The frames whose image in one stream is no repeat, and how many were left out.
+///
+/// A repeat says nothing new, but would weigh its image twice (hard-cases B13); and since its image is older than
+/// its time, its pose is not that of the image. Where the image that it repeats is held out, leaving it out
+/// keeps that image from training.
+pub(super) fn without_repeats(
+    frames: &[PosedFrame],
+    is_repeat: impl Fn(usize) -> bool,
+) -> (Vec<PosedFrame>, usize) {
+    let new = frames.iter().filter(|frame| !is_repeat(frame.index));
+    let new: Vec<PosedFrame> = new.copied().collect();
+    let repeated_count = frames.len() - new.len();
+    (new, repeated_count)
+}
+
 /// Poses as TUM text: `timestamp tx ty tz qx qy qz qw`.
 pub fn tum_text(recording: &Recording, frames: &[PosedFrame]) -> String {
     let mut text =

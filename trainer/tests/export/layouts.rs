@@ -7,7 +7,7 @@ use sequence::ColorEncoding;
 use serde_json::Value;
 
 use crate::made::{
-    COLOR_NUMBERS, DEPTH_NUMBERS, FIRST_TICK, HEIGHT, Made, WIDTH, color, color_nanos, depth,
+    COLOR_NUMBERS, DEPTH_NUMBERS, FIRST_TICK, Made, color, color_nanos, color_size, depth,
     depth_nanos, millimetres_of_shift, streams, streams_of_shifts, world_from_depth,
 };
 
@@ -152,12 +152,16 @@ fn raw_colour_is_written_as_it_is_and_only_by_the_folder() {
         if encoding == ColorEncoding::BayerGrbg {
             let png = made.read("folder/frames/000003.color.png");
             let mosaic = imaging::decode_png_gray8(&png).unwrap();
-            assert_eq!((mosaic.width(), mosaic.height()), (WIDTH, HEIGHT));
+            assert_eq!([mosaic.width(), mosaic.height()], color_size(encoding));
             assert_eq!(mosaic.pixels(), frame);
         } else {
             assert_eq!(made.read("folder/frames/000003.color.yuv"), frame);
         }
-        assert!(!made.at("folder/rig.toml").exists());
+        let rig = made.text("folder/rig.toml");
+        assert!(
+            rig.contains(&format!("format = \"{}\"", encoding.name())),
+            "{rig}"
+        );
         let json: Value = serde_json::from_slice(&made.read("folder/frames.json")).unwrap();
         assert_eq!(json["description"]["streams"][1]["format"], encoding.name());
         for target in [ExportTarget::Tum, ExportTarget::SevenScenes] {
@@ -207,6 +211,10 @@ fn poses_are_of_the_set_that_is_named() {
         assert!(!made.at(name).exists());
     }
     // Poses of the colour camera, in two worlds: the larger one is taken.
+    let recording = made.open();
+    let known = recording.poses("live").unwrap().iter().map(Option::is_some);
+    let known: Vec<bool> = known.collect();
+    assert_eq!(known, [true, true, true, true, true, false, false]);
     let mut options = made.options(ExportTarget::Tum, "tum");
     options.poses = Some("live".to_owned());
     let report = export(&options, &mut |_, _| {}).unwrap();

@@ -14,7 +14,7 @@ use sequence::{
     COLOR_STREAM, ColorCamera, ColorEncoding, Created, DEPTH_STREAM, DepthCamera, DepthSamples,
     Description, Event, FileId, FramePose, FrameTimes, Gap, GapCause, Gravity, Note, PoseState,
     Recording, RecordingWriter, ResponseCurve, ShiftConstants, Split, StreamTiming, Streams,
-    VignettingCurve,
+    VignettingCurve, YuvMeaning,
 };
 
 pub(crate) const WIDTH: u32 = 128;
@@ -113,13 +113,21 @@ pub(crate) fn import_folder(folder: &Path, output: &Path) -> Recording {
     Recording::open(output).unwrap()
 }
 
+/// Columns and rows of the colour: odd where the encoding allows it and nothing else is compared.
+pub(crate) fn color_size(encoding: ColorEncoding) -> [u32; 2] {
+    match encoding {
+        ColorEncoding::BayerGrbg => [WIDTH - 1, HEIGHT - 1],
+        _ => [WIDTH, HEIGHT],
+    }
+}
+
 pub(crate) fn streams(encoding: ColorEncoding) -> Streams {
-    let lens = |fx: f64, k1: f64| {
+    let lens = |[width, height]: [u32; 2], fx: f64, k1: f64| {
         let distortion = Distortion {
             k1,
             ..Distortion::NONE
         };
-        Intrinsics::new(WIDTH, HEIGHT, fx, 111.3, 63.1, 47.7, distortion).unwrap()
+        Intrinsics::new(width, height, fx, 111.3, 63.1, 47.7, distortion).unwrap()
     };
     let response = ResponseCurve::Gamma { gamma: 2.2 };
     let vignetting = VignettingCurve::EvenPolynomial {
@@ -127,10 +135,19 @@ pub(crate) fn streams(encoding: ColorEncoding) -> Streams {
         radius: 80.0,
         a: [-0.3, 0.1, -0.02],
     };
+    let color_lens = lens(color_size(encoding), 109.9, 0.01);
+    let mut color = ColorCamera::new(color_lens, encoding, 0.7, response, vignetting).unwrap();
+    if matches!(encoding, ColorEncoding::Uyvy | ColorEncoding::Yuyv) {
+        color.yuv = Some(YuvMeaning {
+            matrix: "bt601".to_owned(),
+            range: "full".to_owned(),
+            siting: "left".to_owned(),
+        });
+    }
     let turned = Pose::from_axis_angle(DVec3::new(0.1, 1.0, 0.2), 0.01);
     Streams {
-        depth: DepthCamera::new(lens(110.7, 0.0), 0.00137, 0.5..=5.3).unwrap(),
-        color: ColorCamera::new(lens(109.9, 0.01), encoding, 0.7, response, vignetting).unwrap(),
+        depth: DepthCamera::new(lens([WIDTH, HEIGHT], 110.7, 0.0), 0.00137, 0.5..=5.3).unwrap(),
+        color,
         color_from_depth: Pose::from_translation(DVec3::new(-0.025, 0.001, 0.002)) * turned,
         depth_timing: StreamTiming::at_rate(30.0),
         color_timing: StreamTiming::at_rate(30.0),
@@ -190,6 +207,7 @@ pub(crate) fn color(number: u64, encoding: ColorEncoding) -> Vec<u8> {
     } else {
         number
     };
+    let [width, height] = color_size(encoding);
     let pixel = |x: u32, y: u32| [(2 * x) as u8, (2 * y) as u8, (20 * number) as u8];
     match encoding {
         ColorEncoding::Jpeg => encode_jpeg(&Image::from_fn(WIDTH, HEIGHT, pixel), 90).unwrap(),
@@ -197,8 +215,8 @@ pub(crate) fn color(number: u64, encoding: ColorEncoding) -> Vec<u8> {
             let image = Image::from_fn(WIDTH, HEIGHT, pixel);
             image.pixels().as_flattened().to_vec()
         }
-        ColorEncoding::BayerGrbg => noise(number, WIDTH * HEIGHT),
-        ColorEncoding::Uyvy | ColorEncoding::Yuyv => noise(number, 2 * WIDTH * HEIGHT),
+        ColorEncoding::BayerGrbg => noise(number, width * height),
+        ColorEncoding::Uyvy | ColorEncoding::Yuyv => noise(number, 2 * width * height),
     }
 }
 

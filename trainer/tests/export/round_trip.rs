@@ -5,9 +5,21 @@ use std::path::{Path, PathBuf};
 use geometry::Pose;
 use glint::export::{ExportOptions, ExportTarget, export};
 use glint::import::{ImportOptions, import};
-use sequence::{COLOR_STREAM, ColorEncoding, DEPTH_STREAM, Recording, StreamTiming, Streams};
+use sequence::verify::verify;
+use sequence::{
+    COLOR_STREAM, ColorEncoding, DEPTH_STREAM, Device, FrameTimes, Recording, StreamTiming,
+    Streams, TickClock,
+};
 
 use crate::made::{LOST, Made, import_folder};
+
+const ENCODINGS: [ColorEncoding; 5] = [
+    ColorEncoding::Jpeg,
+    ColorEncoding::Rgb8,
+    ColorEncoding::BayerGrbg,
+    ColorEncoding::Uyvy,
+    ColorEncoding::Yuyv,
+];
 
 /// Metres and quaternions: rounding of the last bits.
 const ROUNDING: f64 = 1e-9;
@@ -121,10 +133,25 @@ fn a_seven_scenes_folder_gives_back_the_pairs() {
     }
 }
 
+/// Streams with all that a folder carries.
+fn timed_streams(encoding: ColorEncoding) -> Streams {
+    let mut streams = crate::made::streams(encoding);
+    streams.depth_timing.clock = Some(TickClock {
+        tick_hz: 60_000_000,
+        bits: 64,
+    });
+    streams.color_timing = StreamTiming::at_rate(29.97);
+    streams.device = Some(Device {
+        name: "a camera".to_owned(),
+        ..Device::default()
+    });
+    streams
+}
+
 #[test]
-fn a_plain_folder_gives_back_the_pairs_and_the_times_of_their_depth() {
-    for encoding in [ColorEncoding::Jpeg, ColorEncoding::Rgb8] {
-        let made = Made::new(encoding);
+fn a_plain_folder_gives_back_both_streams_with_all_numbers_times_and_gaps() {
+    for encoding in ENCODINGS {
+        let made = Made::with(timed_streams(encoding));
         let report = made.export(ExportTarget::Folder, "folder");
         assert!(
             report
@@ -134,11 +161,36 @@ fn a_plain_folder_gives_back_the_pairs_and_the_times_of_their_depth() {
             report.text
         );
         let (recording, again) = (made.open(), made.import("folder"));
+        assert_same_streams(&recording, &again);
         assert_same_pairs(&recording, &again);
-        assert_eq!(cameras(&recording), cameras(&again));
-        for index in 0..again.frame_count() {
-            assert_eq!(recording.time_nanos(index), again.time_nanos(index));
+        assert_eq!(recording.description().streams, again.description().streams);
+        assert_eq!(recording.contents().gaps, again.contents().gaps);
+        for stream in [DEPTH_STREAM, COLOR_STREAM] {
+            let times = |recording: &Recording| -> Vec<FrameTimes> {
+                let places = recording.contents().stream(stream).iter();
+                places
+                    .map(|place| recording.frame(place).unwrap().0)
+                    .collect()
+            };
+            assert_eq!(times(&recording), times(&again));
         }
+        let verification = verify(again.path(), true).unwrap();
+        assert_eq!(verification.findings, [""; 0]);
+        assert_eq!(verification.missing.len(), recording.contents().gaps.len());
+    }
+}
+
+#[test]
+fn a_plain_folder_without_its_json_gives_back_the_pairs_and_the_times_of_their_depth() {
+    let made = Made::new(ColorEncoding::Jpeg);
+    made.export(ExportTarget::Folder, "folder");
+    std::fs::remove_file(made.at("folder/frames.json")).unwrap();
+    let (recording, again) = (made.open(), made.import("folder"));
+    assert_same_pairs(&recording, &again);
+    assert_eq!(cameras(&recording), cameras(&again));
+    assert_eq!(again.contents().stream(DEPTH_STREAM).len(), 7);
+    for index in 0..again.frame_count() {
+        assert_eq!(recording.time_nanos(index), again.time_nanos(index));
     }
 }
 

@@ -77,6 +77,76 @@ fn images_of_another_size() {
     });
 }
 
+/// A plain folder of raw colour: what `made` says of each frame, under the name `frames/NNNNNN` + suffix.
+fn raw(format: &str, suffix: &str, made: impl Fn(u32) -> Vec<u8>) -> Folder {
+    let folder = Folder::plain();
+    for frame in 0..FRAME_COUNT {
+        folder.remove(&format!("frames/{frame:06}.color.jpg"));
+        folder.write(&format!("frames/{frame:06}{suffix}"), &made(frame));
+    }
+    folder.edit("rig.toml", "\"jpeg\"", &format!("\"{format}\""));
+    folder
+}
+
+#[test]
+fn raw_colour_that_is_not_what_the_rig_says() {
+    let grey = |_| {
+        let samples = imaging::Image::new(128, 96, false);
+        imaging::encode_png_mask(&samples).unwrap()
+    };
+    let rgb = |frame| imaging::encode_png_rgb8(&crate::folders::color(frame)).unwrap();
+    let yuv = |frame| vec![frame as u8; 2 * 128 * 96];
+    raw("bayer-grbg", ".color.png", grey).import().unwrap();
+    raw("uyvy", ".color.yuv", yuv).import().unwrap();
+
+    let refuses = |folder: &Folder, expected: &[&str]| {
+        let sentence = sentence(folder);
+        for part in expected {
+            assert!(sentence.contains(part), "no `{part}` in: {sentence}");
+        }
+    };
+    // Colour is no mosaic, and bits or a palette are no samples.
+    let folder = raw("bayer-grbg", ".color.png", rgb);
+    refuses(
+        &folder,
+        &["000000.color.png", "RGB, 8 bits", "grey, 8 bits"],
+    );
+    let folder = raw("bayer-grbg", ".color.yuv", yuv);
+    refuses(&folder, &["000000.color.yuv", "other colour images (png)"]);
+    let folder = raw("yuyv", ".color.png", grey);
+    refuses(&folder, &["000000.color.png", "other colour images (yuv)"]);
+    let folder = raw("yuyv", ".color.yuv", |frame| {
+        yuv(frame)[frame as usize..].to_vec()
+    });
+    refuses(&folder, &["000001.color.yuv: 24575 bytes", "has 24576"]);
+    let folder = raw("yuyv", ".color.yuv", yuv);
+    folder.edit("rig.toml", "width = 128", "width = 127");
+    folder.edit("rig.toml", "cx = 63.5", "cx = 63.0");
+    refuses(
+        &folder,
+        &["rig.toml: a frame of 127x96 pixels", "even in width"],
+    );
+    let folder = raw("nv12", ".color.yuv", yuv);
+    refuses(
+        &folder,
+        &["unknown variant `nv12`", "`bayer-grbg`", "`uyvy`"],
+    );
+    let meaning =
+        "[color.yuv]\nmatrix = \"bt601\"\nrange = \"wide\"\nsiting = \"left\"\n[color.exposure]";
+    let folder = raw("uyvy", ".color.yuv", yuv);
+    folder.edit("rig.toml", "[color.exposure]", meaning);
+    refuses(&folder, &["color.yuv", "\"limited\""]);
+    folder.edit("rig.toml", "wide", "limited");
+    folder.import().unwrap();
+    let folder = raw("bayer-grbg", ".color.png", grey);
+    folder.edit(
+        "rig.toml",
+        "[color.exposure]",
+        &meaning.replace("wide", "full"),
+    );
+    refuses(&folder, &["color.yuv belongs to the formats uyvy and yuyv"]);
+}
+
 #[test]
 fn missing_and_doubled_files() {
     refuses(&["frame 3 has no depth image", "copy it again"], |folder| {

@@ -91,6 +91,16 @@ pub fn decode_png_gray8(bytes: &[u8]) -> Result<Image<u8>, ImagingError> {
     Image::from_vec(header.width, header.height, codes)
 }
 
+/// Decodes the samples of a sensor's mosaic: grey of exactly 8 bits. Everything else is refused, since scaled
+/// codes or indices of a palette are no samples.
+pub fn decode_png_mosaic8(bytes: &[u8]) -> Result<Image<u8>, ImagingError> {
+    let header = header_of(bytes)?;
+    if (header.color_type, header.bit_depth) != (0, 8) {
+        return Err(header.wrong_type("grey, 8 bits"));
+    }
+    decode_png_gray8(bytes)
+}
+
 /// Decodes a mask: true where the grey code or the palette index is not 0.
 pub fn decode_png_mask(bytes: &[u8]) -> Result<Mask, ImagingError> {
     Ok(decode_png_gray8(bytes)?.map(|code| code != 0))
