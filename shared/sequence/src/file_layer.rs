@@ -109,12 +109,13 @@ impl std::ops::Deref for LockedFile {
 /// Writes through a map of reserved space.
 #[derive(Debug)]
 struct MappedFile {
+    /// Dropped before the lock.
+    window: Option<WriteWindow>,
     file: LockedFile,
     /// Reserved up to here.
     end: u64,
     /// The window begins here.
     released: u64,
-    window: Option<WriteWindow>,
 }
 
 impl FileLayer for MappedFile {
@@ -204,26 +205,6 @@ impl FileLayer for PlainFile {
         forget(&self.file, self.released, offset);
         self.released = offset;
     }
-}
-
-impl Drop for MappedFile {
-    fn drop(&mut self) {
-        self.window = None;
-        unlock(&self.file);
-    }
-}
-
-impl Drop for PlainFile {
-    fn drop(&mut self) {
-        unlock(&self.file);
-    }
-}
-
-/// Gives the lock back now. Closing the file gives it back too, but not before a child that another thread is
-/// just starting has closed its copy.
-fn unlock(file: &File) {
-    // The file is closed next in any case.
-    let _ = flock(file, FlockOperation::Unlock);
 }
 
 fn free_bytes(file: &File) -> io::Result<u64> {
