@@ -22,7 +22,10 @@ TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
 GLINT := $(TARGET_DIR)/release/glint
 SOAK := $(or $(TMPDIR),/tmp)/glint-soak.glint
 
-.PHONY: help setup build demo test lint soak peers clean
+# What a virtual environment here has comes first.
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
+
+.PHONY: help setup build demo test lint python-modules soak peers clean
 
 help:
 	@sed -n 's/^#   make/make/p' $(firstword $(MAKEFILE_LIST))
@@ -44,9 +47,15 @@ demo: build
 	$(GLINT) report $(DEMO)/run -o $(DEMO)/report.html
 	@echo "open $(DEMO)/report.html"
 
+# The readers in Python are tests too; where their modules cannot be had, those tests say that they are skipped.
+python-modules:
+	@python3 -c "import numpy, zstandard" 2>/dev/null || .venv/bin/python -c "import numpy, zstandard" 2>/dev/null \
+	  || { python3 -m venv .venv && .venv/bin/pip install --quiet numpy zstandard; } \
+	  || echo "no numpy and zstandard for python3: the tests of the Python readers will be skipped"
+
 # The hard cases run a second time with release arithmetic and overflow checks: fma, inlining and overflow
 # differ. The trainer is tested in that profile alone: a training run without optimisation takes minutes.
-test: setup
+test: setup python-modules
 	$(CARGO) test --locked --workspace --exclude glint
 	$(CARGO) test --locked --workspace --exclude glint --profile release-checked --tests -- hc_
 	$(CARGO) test --locked --profile release-checked -p glint

@@ -13,8 +13,9 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use glintd::capture::{CaptureOptions, StopFlag, capture_with};
+use glintd::capture::{CaptureOptions, capture_with};
 use glintd::outcome::resident_mb;
+use glintd::status::StopFlag;
 use sequence::file_layer::{self, FileLayer, WritePath};
 use sequence::verify::verify;
 

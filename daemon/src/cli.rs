@@ -19,11 +19,12 @@ use sequence::file_layer::WritePath;
 use sequence::verify::verify;
 use serde_json::json;
 
-use crate::capture::{CaptureOptions, StatusNow, StopFlag, capture_with};
+use crate::capture::{CaptureOptions, capture_with};
 use crate::disk::Rotation;
 use crate::inspect::{follow, info};
 use crate::replay::camera_name;
 use crate::source_spec::SourceSpec;
+use crate::status::{StatusNow, StopFlag};
 
 /// Records RGB-D cameras into files that can be trusted.
 #[derive(Debug, Parser)]
@@ -260,8 +261,17 @@ fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCode> {
 const PLAIN_EVERY: u64 = 10;
 
 fn show_status(status: &StatusNow, bar: &ProgressBar, json: bool, shown: u64) {
+    let bytes_a_minute = status.file_bytes as f64 / bar.elapsed().as_secs_f64() * 60.0;
+    let left = if bytes_a_minute > 0.0 {
+        format!(
+            ", {:.0} minutes left",
+            status.room_bytes as f64 / bytes_a_minute
+        )
+    } else {
+        String::new()
+    };
     let line = format!(
-        "{} frames recorded, {} missing, {:.1} MB, buffer {} % full",
+        "{} frames recorded, {} missing, {:.1} MB, buffer {} % full{left}",
         status.frames_recorded,
         status.frames_missing,
         status.payload_bytes as f64 / 1e6,

@@ -15,9 +15,11 @@ use sequence::{
     SequenceError,
 };
 
-use crate::capture::{EndReason, HostClock, LONGEST_PARK, Status, StopFlag};
+use crate::capture::LONGEST_PARK;
+use crate::clock::HostClock;
 use crate::latency::{Latencies, Work};
 use crate::message::{MessageKind, MessageReceiver, frame_parts, gap_parts};
+use crate::status::{EndReason, Status, StopFlag};
 
 /// Makes the file of a path.
 pub type LayerFactory = Box<dyn FnMut(&Path) -> Result<Box<dyn FileLayer>, SequenceError> + Send>;
@@ -360,7 +362,8 @@ impl<'capture> Disk<'capture> {
         writer.seal()?;
         self.unsealed.clear();
         self.report.seals.add(begun.elapsed());
-        self.status.set_bytes(self.report.bytes + writer.bytes());
+        self.status
+            .set_bytes(self.report.bytes + writer.bytes(), writer.room_bytes()?);
         let is_full = self
             .rotation
             .bytes

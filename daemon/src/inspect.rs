@@ -9,7 +9,7 @@ use sequence::source::PreadFile;
 use sequence::summary::Summary;
 use sequence::{Contents, SequenceError};
 
-use crate::capture::StopFlag;
+use crate::status::StopFlag;
 
 /// The recording in numbers, from its sealed chunks. Works on files that are being written.
 pub fn info(path: &Path) -> Result<Summary, SequenceError> {

@@ -5,8 +5,9 @@
 //! networks, rendering.
 //!
 //! ```no_run
-//! use glintd::capture::{CaptureOptions, StopFlag, capture};
+//! use glintd::capture::{CaptureOptions, capture};
 //! use glintd::source_spec::SourceSpec;
+//! use glintd::status::StopFlag;
 //! let source: SourceSpec = "replay:room.glint?speed=max".parse()?;
 //! let outcome = capture(CaptureOptions::new(source, "copy.glint".into()), &StopFlag::default())?;
 //! println!("{} frames", outcome.frames_recorded);
@@ -16,8 +17,8 @@
 //! Map, along the way of a frame: [`source_spec`] what stands on the command line · [`replay`] a recording as a
 //! camera · [`frame`] frames and their pools · [`drops`] what is missing, and why · [`pair`] depth with colour ·
 //! [`record`] encoding · [`message`] encoded records in a ring of bytes · [`disk`] the writer · [`capture`] the
-//! threads · [`latency`] and [`outcome`] what is counted · [`inspect`] info, verify, recover, cut · [`cli`] the
-//! command line.
+//! threads · [`clock`] and [`status`] what they share · [`latency`] and [`outcome`] what is
+//! counted · [`inspect`] info, verify, recover, cut · [`cli`] the command line.
 //!
 //! ```text
 //! source ─ring─► pair ─ring─► record ─ring of bytes (3 s)─► disk
@@ -30,6 +31,7 @@
 
 pub mod capture;
 pub mod cli;
+pub mod clock;
 pub mod disk;
 pub mod drops;
 pub mod frame;
@@ -41,3 +43,4 @@ pub mod pair;
 pub mod record;
 pub mod replay;
 pub mod source_spec;
+pub mod status;

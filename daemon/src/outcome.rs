@@ -7,9 +7,9 @@ use std::time::Duration;
 use sequence::Gap;
 use serde::Serialize;
 
-use crate::capture::{EndReason, StatusNow};
 use crate::disk::DiskReport;
 use crate::pair::PairReport;
+use crate::status::{EndReason, StatusNow};
 
 /// The summary of `glintd record`.
 #[derive(Clone, Debug, Serialize)]

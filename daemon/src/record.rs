@@ -13,12 +13,13 @@ use sequence::layout::{FrameHeader, GapHeader};
 use sequence::{COLOR_STREAM, DEPTH_STREAM, FrameTimes, GapCause, SequenceError, Streams};
 use zerocopy::IntoBytes as _;
 
-use crate::capture::{LONGEST_PARK, Status};
+use crate::capture::LONGEST_PARK;
 use crate::drops::Drop;
 use crate::frame::{ColorFrame, DepthFrame, Returns};
 use crate::latency::Work;
 use crate::message::{HEAD_BYTES, MessageKind, MessageSender};
 use crate::pair::Unit;
+use crate::status::Status;
 
 /// Room for gaps and a table beside the frames of a unit, bytes.
 const EXTRA_BYTES: usize = 64 * (HEAD_BYTES + size_of::<GapHeader>()) + 8 + 2 * MAX_CODES;

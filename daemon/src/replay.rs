@@ -11,11 +11,13 @@ use sequence::recording::widest_pair_nanos;
 use sequence::scan::RecordPlace;
 use sequence::{FrameTimes, GapCause, Recording, SequenceError};
 
-use crate::capture::{HostClock, LONGEST_PARK, Status, StopFlag};
+use crate::capture::LONGEST_PARK;
+use crate::clock::HostClock;
 use crate::drops::{Drop, DropLog};
 use crate::frame::{ColorFrame, DepthFrame, FreeFrames};
 use crate::pair::Sent;
 use crate::source_spec::{ReplaySpec, Speed};
+use crate::status::{Status, StopFlag};
 
 /// Where a source gives frames.
 pub struct SourceEnds {

@@ -10,7 +10,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use glintd::capture::{CaptureOptions, StopFlag, capture};
+use glintd::capture::{CaptureOptions, capture};
+use glintd::status::StopFlag;
 use sequence::file_layer::{self, FileLayer, WritePath};
 
 /// Counts the allocations of every thread but the test's own, which starts the others and then only watches.
@@ -103,7 +104,7 @@ fn nothing_is_allocated_per_frame_once_warm() {
         use std::sync::atomic::AtomicI64;
         // Five milliseconds a look: several chunks in a short test.
         static NANOS: AtomicI64 = AtomicI64::new(0);
-        glintd::capture::HostClock {
+        glintd::clock::HostClock {
             monotonic: || NANOS.fetch_add(5_000_000, Ordering::Relaxed),
             wall: || 0,
         }

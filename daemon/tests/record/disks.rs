@@ -5,8 +5,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use glintd::capture::{EndReason, StopFlag, capture};
+use glintd::capture::capture;
 use glintd::disk::LayerFactory;
+use glintd::status::{EndReason, StopFlag};
 use sequence::file_layer::{self, FileLayer, WritePath};
 use sequence::verify::verify;
 use sequence::{GapCause, Recording, SequenceError};

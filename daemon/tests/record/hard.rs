@@ -3,13 +3,15 @@
 use std::sync::atomic::{AtomicI64, Ordering};
 
 use crossbeam::sync::Parker;
-use glintd::capture::{HostClock, Status, StopFlag, capture};
+use glintd::capture::capture;
+use glintd::clock::HostClock;
 use glintd::drops;
 use glintd::frame::{ColorFrame, DepthFrame, pool};
 use glintd::latency::Work;
 use glintd::message::{self, MessageKind, frame_parts, gap_parts};
 use glintd::pair::Unit;
 use glintd::record::{RecordEnds, Recorder};
+use glintd::status::{Status, StopFlag};
 use ringbuf::HeapRb;
 use ringbuf::traits::{Producer as _, Split as _};
 use sequence::chunk_writer::DiskLimits;

@@ -5,9 +5,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use glintd::capture::{CaptureOptions, StopFlag, capture};
+use glintd::capture::{CaptureOptions, capture};
 use glintd::disk::Rotation;
 use glintd::outcome::Outcome;
+use glintd::status::StopFlag;
 use sequence::verify::verify;
 use sequence::{GapCause, Recording};
 

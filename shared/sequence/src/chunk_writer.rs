@@ -137,6 +137,13 @@ impl ChunkWriter {
         }
     }
 
+    /// Bytes that can still be written: what is reserved, and what is free above the floor.
+    pub fn room_bytes(&mut self) -> Result<u64, SequenceError> {
+        let free = uninterrupted(|| self.layer.free_bytes())?;
+        let usable = free.saturating_sub(self.limits.floor_bytes);
+        Ok(usable.saturating_add(self.reserved_end - self.cursor.min(self.reserved_end)))
+    }
+
     /// Bytes of records in the chunk that is not sealed yet.
     pub fn unsealed_bytes(&self) -> u64 {
         self.cursor - self.chunk_start - RECORDS_OFFSET

@@ -149,6 +149,13 @@ impl RecordingWriter {
         self.chunks.bytes()
     }
 
+    /// Bytes that the disk can still take before the recording ends.
+    pub fn room_bytes(&mut self) -> Result<u64, SequenceError> {
+        self.chunks
+            .room_bytes()
+            .map_err(|error| error.in_file(&self.path))
+    }
+
     /// What was written and lost of each stream so far.
     pub fn totals(&self) -> impl Iterator<Item = &StreamTotals> {
         self.totals.values()
