@@ -442,6 +442,14 @@ impl<'capture> Disk<'capture> {
         self.fail(EndReason::DiskError);
         self.report.failure = Some(EndReason::DiskError);
         let mut lost = std::mem::take(&mut self.unsealed);
+        // Those of a chunk that was refused may be counted already.
+        let is_counted = |stream: u16, number: u64| {
+            self.report.gaps.iter().any(|gap| {
+                gap.stream == stream
+                    && (gap.first_number..gap.first_number + gap.count).contains(&number)
+            })
+        };
+        lost.retain(|(stream, number)| !is_counted(*stream, *number));
         lost.sort_unstable();
         self.report.frames -= lost.len() as u64;
         for (stream, number) in lost {
