@@ -170,10 +170,14 @@ class Reader:
                 self.lost.append(f"{stream} {number}" if kind == FRAME else f"kind {kind}")
             else:
                 self.records.append(record)
-        if not is_whole and len(self.lost) == lost_before:
-            self.damages.append("padding")
         # Behind the index stands `end`, if anything.
-        self.records += self.walk(index.end, chunk.end)
+        behind = list(self.walk(index.end, chunk.end))
+        self.records += behind
+        if not is_whole and not behind and chunk.count == len(entries) + 2:
+            self.damages.append("record")
+            self.lost.append(f"kind {END}")
+        elif not is_whole and len(self.lost) == lost_before:
+            self.damages.append("padding")
         return True
 
     @staticmethod

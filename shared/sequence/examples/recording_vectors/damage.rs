@@ -347,8 +347,9 @@ fn padding(vectors: &mut Vectors, base: &Base) -> Outcome {
         "a bit between two records: the sum over the chunk shows it, nothing is lost",
     )?;
     let end = base.of_kind(RecordKind::End).next().ok_or("no end")?;
-    let mut holds = base.loses(&[], &["padding"]);
+    let mut holds = base.loses(&[], &["record"]);
     holds.insert("end".to_owned(), Value::Null);
+    holds.insert("lost".to_owned(), json!(["kind 13"]));
     vectors.add(
         "end-record",
         FILE,

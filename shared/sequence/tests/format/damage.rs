@@ -132,7 +132,7 @@ fn cost_of(part: Part) -> (Vec<RecordKind>, Option<(u16, u64)>, Option<&'static 
             (Vec::new(), None, Some("Record"))
         }
         // Behind the index, so that its damage is known by the sum over the chunk only.
-        RecordKind::End => (vec![RecordKind::End], None, Some("Padding")),
+        RecordKind::End => (vec![RecordKind::End], None, Some("Record")),
         kind => (vec![kind], None, Some("Record")),
     }
 }
