@@ -58,7 +58,7 @@ fn a_lock_step_replay_keeps_every_frame_and_every_time() {
     }
     let found = verify(&output, true).unwrap();
     assert!(found.is_whole(), "{found:?}");
-    let histogram = &recording.contents().histograms[0];
+    let (_, histogram) = &recording.contents().histograms[0];
     assert_eq!(
         (histogram.name.as_str(), histogram.counts[0]),
         ("pair-skew", 130)

@@ -58,8 +58,8 @@ pub struct Contents {
     pub events: Vec<Event>,
     /// Words of the user.
     pub notes: Vec<Note>,
-    /// Counts.
-    pub histograms: Vec<Histogram>,
+    /// Counts, with their streams, 0 for none.
+    pub histograms: Vec<(u16, Histogram)>,
     /// Directions of down, with their streams.
     pub gravity: Vec<(u16, Gravity)>,
     /// Pose sets in the order of their first records.
@@ -227,7 +227,10 @@ impl Contents {
                 let gravity = Gravity::read(payload).ok_or_else(|| unfit("a gravity record"))?;
                 self.gravity.push((stream, gravity));
             }
-            RecordKind::Histogram => self.histograms.push(serde_json::from_slice(payload)?),
+            RecordKind::Histogram => {
+                self.histograms
+                    .push((stream, serde_json::from_slice(payload)?));
+            }
             RecordKind::Note => {
                 self.notes
                     .push(Note::read(payload).ok_or_else(|| unfit("a note"))?);

@@ -302,8 +302,8 @@ impl Plan {
         for note in &contents.notes {
             writer.write_note(note)?;
         }
-        for histogram in &contents.histograms {
-            writer.write_histogram(0, histogram)?;
+        for (stream, histogram) in &contents.histograms {
+            writer.write_histogram(*stream, histogram)?;
         }
         for (stream, gravity) in &contents.gravity {
             writer.write_gravity(*stream, gravity)?;

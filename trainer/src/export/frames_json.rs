@@ -64,7 +64,7 @@ pub(crate) fn frames_json(
         "events": contents.events.iter().map(event).collect::<Vec<_>>(),
         "notes": notes,
         "gravity": gravity,
-        "histograms": contents.histograms,
+        "histograms": contents.histograms.iter().map(|(_, histogram)| histogram).collect::<Vec<_>>(),
         "pose_sets": contents.pose_sets.iter().map(pose_set).collect::<Vec<_>>(),
         "split": contents.split,
         "end": contents.end,

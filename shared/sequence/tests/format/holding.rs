@@ -172,7 +172,7 @@ impl Holding {
             "pose_sets": contents.pose_sets.iter().map(|set| json!(set.head)).collect::<Vec<_>>(),
             "poses": pose_lines(contents),
             "gravity": gravity.collect::<Vec<_>>(),
-            "histograms": contents.histograms,
+            "histograms": contents.histograms.iter().map(|(_, histogram)| histogram).collect::<Vec<_>>(),
             "notes": contents.notes.iter().map(|note| json!([note.host_nanos, note.text])).collect::<Vec<_>>(),
             "split": contents.split,
             "end": contents.end,

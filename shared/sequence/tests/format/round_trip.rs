@@ -45,7 +45,7 @@ fn assert_whole(recording: &Recording) {
     );
     assert_eq!(contents.notes[0].text, "a note");
     assert_eq!(contents.events[0].details["exposure_us"], 8000);
-    assert_eq!(contents.histograms[0].counts, [9, 1]);
+    assert_eq!(contents.histograms[0].1.counts, [9, 1]);
     assert_eq!(contents.gravity[0].0, DEPTH_STREAM);
     let weak = &contents.pose_sets[0].poses[6];
     assert_eq!((weak.number, weak.state), (7, PoseState::Weak(0b100_001)));
