@@ -86,6 +86,8 @@ impl WriteWindow {
         // so that touching a page does not raise SIGBUS for want of space; the exclusive lock keeps other
         // writers of ours from cutting it. The memory is only ever written through `&mut self`.
         let map = unsafe { MmapOptions::new().offset(start).len(bytes).map_mut(file) }?;
+        // What is written is never read before: without this, each fault would read ahead.
+        map.advise(memmap2::Advice::Random)?;
         Ok(Self { map, start })
     }
 
