@@ -91,6 +91,23 @@ pub(crate) fn stopping_after(frame_count: u64, stop: &StopFlag) -> LayerFactory 
     })
 }
 
+/// The sync of the second chunk's records: the file header comes first, then records and mark of the first.
+const SECOND_CHUNK: u64 = 3;
+
+/// A disk that reports an error (EIO) for the syncs with these numbers, from 0.
+fn refusing_syncs(numbers: std::ops::Range<u64>) -> LayerFactory {
+    let syncs = Arc::new(AtomicU64::new(0));
+    watched(move || {
+        let (syncs, numbers) = (Arc::clone(&syncs), numbers.clone());
+        move |call| match call {
+            Call::Sync if numbers.contains(&syncs.fetch_add(1, Ordering::Relaxed)) => {
+                Err(io::Error::from_raw_os_error(5))
+            }
+            _ => Ok(()),
+        }
+    })
+}
+
 #[test]
 fn hc_k06_a_full_disk_ends_the_recording_with_an_exact_list() {
     let folder = tempfile::tempdir().unwrap();
@@ -151,17 +168,8 @@ fn hc_k10_a_chunk_that_the_disk_refuses_becomes_a_gap() {
     let output = folder.path().join("out.glint");
     let mut options = options(&input, "", &output);
     options.clock = super::hard::counting_clock();
-    // The third sync is the first of the second chunk; the operating system says so once, then all is well again.
-    let syncs = Arc::new(AtomicU64::new(0));
-    options.make_layer = Some(watched(move || {
-        let syncs = Arc::clone(&syncs);
-        move |call| match call {
-            Call::Sync if syncs.fetch_add(1, Ordering::Relaxed) == 3 => {
-                Err(io::Error::from_raw_os_error(5))
-            }
-            _ => Ok(()),
-        }
-    }));
+    // The operating system says so once, then all is well again.
+    options.make_layer = Some(refusing_syncs(SECOND_CHUNK..SECOND_CHUNK + 1));
     let outcome = capture(options, &StopFlag::default()).unwrap();
     let recording = Recording::open(&output).unwrap();
     let gaps = &recording.contents().gaps;
@@ -198,16 +206,7 @@ fn breaks_after(frame_count: u64) {
     let output = folder.path().join("out.glint");
     let mut options = options(&input, "", &output);
     options.clock = super::hard::counting_clock();
-    let syncs = Arc::new(AtomicU64::new(0));
-    options.make_layer = Some(watched(move || {
-        let syncs = Arc::clone(&syncs);
-        move |call| match call {
-            Call::Sync if syncs.fetch_add(1, Ordering::Relaxed) >= 3 => {
-                Err(io::Error::from_raw_os_error(5))
-            }
-            _ => Ok(()),
-        }
-    }));
+    options.make_layer = Some(refusing_syncs(SECOND_CHUNK..u64::MAX));
     let outcome = capture(options, &StopFlag::default()).unwrap();
     assert_eq!(outcome.reason, "disk-error");
     assert_eq!(

@@ -67,18 +67,7 @@ pub fn recover_source<S: ByteSource + ?Sized>(
         _ => "recovered",
     };
     let finished = plan.write(&scanner, &contents, to, reason)?;
-    Ok(Copied {
-        bytes: finished.bytes,
-        frames: finished
-            .end
-            .streams
-            .iter()
-            .map(|totals| (totals.id, totals.frames))
-            .collect(),
-        from_tail,
-        missing: plan.missing,
-        findings,
-    })
+    Ok(Copied::of(&finished, from_tail, plan.missing, findings))
 }
 
 /// Writes the depth frames with numbers in `range`, and everything that belongs to their time, to the new file
@@ -100,18 +89,26 @@ pub fn cut(from: &Path, to: &Path, range: Range<u64>) -> Result<Copied, Sequence
     let (file_id, contents, plan) = read().map_err(|error: SequenceError| error.in_file(from))?;
     let scanner = Scanner::of_file(&file, file_id, Checking::Everything)?;
     let finished = plan.write(&scanner, &contents, to, "complete")?;
-    Ok(Copied {
-        bytes: finished.bytes,
-        frames: finished
-            .end
-            .streams
-            .iter()
-            .map(|totals| (totals.id, totals.frames))
-            .collect(),
-        from_tail: 0,
-        missing: plan.missing,
-        findings: contents.damages.iter().map(ToString::to_string).collect(),
-    })
+    let findings = contents.damages.iter().map(ToString::to_string).collect();
+    Ok(Copied::of(&finished, 0, plan.missing, findings))
+}
+
+impl Copied {
+    fn of(
+        finished: &Finished,
+        from_tail: u64,
+        missing: Vec<Missing>,
+        findings: Vec<String>,
+    ) -> Self {
+        let streams = finished.end.streams.iter();
+        Self {
+            bytes: finished.bytes,
+            frames: streams.map(|totals| (totals.id, totals.frames)).collect(),
+            from_tail,
+            missing,
+            findings,
+        }
+    }
 }
 
 fn require_free(path: &Path) -> Result<(), SequenceError> {
