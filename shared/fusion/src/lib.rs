@@ -28,6 +28,7 @@
 mod error;
 pub mod kernels;
 pub mod mesh;
+pub mod model_view;
 pub mod normals;
 pub mod texture;
 pub mod volume;

@@ -16,7 +16,7 @@
 //! Map: [`pose`] rigid motion in f64 · [`rotation`] SO(3) and SE(3) maps, interpolation · [`camera`]
 //! intrinsics · [`distortion`] of lenses · [`panorama`] directions and texels · [`direction`] angles,
 //! bases, mirror reflection · [`alignment`] of two paths, trajectory error · [`svd`] of 3x3 matrices ·
-//! [`robust`] medians and scales.
+//! [`symmetric`] eigenvalues · [`robust`] medians and scales.
 //!
 //! Invariants: no allocation per call except in [`robust`] and [`alignment::trajectory_error`]; a value
 //! that comes out of a `Result` or `Option` is valid (a [`Pose`] is rigid, an [`Intrinsics`] is usable);
@@ -32,6 +32,7 @@ pub mod pose;
 pub mod robust;
 pub mod rotation;
 pub mod svd;
+pub mod symmetric;
 
 pub use alignment::{
     AlignmentError, AlignmentRank, RigidAlignment, TrajectoryError, align_rigid, trajectory_error,
@@ -40,3 +41,4 @@ pub use camera::{CameraError, Distortion, Intrinsics};
 pub use glam::{DMat3, DQuat, DVec2, DVec3, Vec2, Vec3, Vec3A};
 pub use panorama::PanoramaSize;
 pub use pose::{Pose, PoseError};
+pub use symmetric::{SymmetricEigen, symmetric_eigen};

@@ -43,10 +43,43 @@ impl Default for DepthTolerance {
 /// camera); the output is the mean of those. No measurement in, no measurement out; a step edge gives one of
 /// its sides, never a depth between (hard-cases B04).
 pub fn half_depth(depth: &DepthImage, tolerance: DepthTolerance) -> DepthImage {
-    Image::from_fn(depth.width() / 2, depth.height() / 2, |x, y| {
-        let block = block_of(depth, x, y);
-        masked_mean(block, tolerance)
-    })
+    let mut half = Image::new(depth.width() / 2, depth.height() / 2, NO_DEPTH);
+    for y in 0..half.height() {
+        let (top, bottom) = (depth.row(2 * y), depth.row(2 * y + 1));
+        half_depth_row(top, bottom, tolerance, half.row_mut(y));
+    }
+    half
+}
+
+/// One row of [`half_depth`] from the two rows above each other that it covers; `out` is half as long.
+pub fn half_depth_row(top: &[f32], bottom: &[f32], tolerance: DepthTolerance, out: &mut [f32]) {
+    for ((out, top), bottom) in out
+        .iter_mut()
+        .zip(top.chunks_exact(2))
+        .zip(bottom.chunks_exact(2))
+    {
+        let block = [top[0], top[1], bottom[0], bottom[1]];
+        let (low, high) = bounds(block);
+        // All four agree with each other: the usual case, and the same mean.
+        *out = if low > 0.0 && high.is_finite() && high - low <= tolerance.at(low) {
+            (block.iter().map(|&d| f64::from(d)).sum::<f64>() / 4.0) as f32
+        } else {
+            masked_mean(block, tolerance)
+        };
+    }
+}
+
+/// Least and largest; a NaN makes the least negative.
+fn bounds(block: [f32; 4]) -> (f32, f32) {
+    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+    for depth in block {
+        if depth.is_nan() {
+            return (-1.0, high);
+        }
+        low = low.min(depth);
+        high = high.max(depth);
+    }
+    (low, high)
 }
 
 /// `depth` and its half sizes, `level_count` images in all (at least one); stops early when a side would

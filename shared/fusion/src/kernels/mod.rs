@@ -1,5 +1,6 @@
 //! Vectorised inner loops with a scalar specification each. The only place with `unsafe`.
 
+pub mod icp;
 pub mod integrate;
 
 /// Which instructions a kernel uses.
