@@ -18,7 +18,8 @@
 //! Map: [`image`] buffers · [`depth`] codes to metres · [`response`] code curves · [`vignetting`] fall-off ·
 //! [`radiance`] the correction in one pass · [`linear_pixel`] fixed-point radiance of the live path ·
 //! [`pyramid`] half sizes · [`srgb`] the transfer curve of screens · [`files`] JPEG and PNG ·
-//! [`exr_files`] panoramas and confidence · [`whole_file`] no partial files · [`measures`] errors and their summaries · [`error`] what is refused.
+//! [`exr_files`] panoramas and confidence · [`whole_file`] no partial files · [`measures`] errors and their
+//! summaries · [`error`] what is refused.
 //!
 //! Invariants: an [`Image`] holds width · height pixels; "no measurement" is asked through [`is_measured`];
 //! saturation is marked on raw codes; decoders check declared sizes before they allocate; results do not
