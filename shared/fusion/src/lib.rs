@@ -18,7 +18,7 @@
 //! ```
 //!
 //! Map: [`volume`] the field and its update · [`kernels`] the vectorised inner loop · [`mesh`] marching
-//! cubes and connected parts · [`normals`] smoothing and noise · [`texture`] robust minimum over views and
+//! cubes and connected parts · [`model_view`] what a camera sees of it · [`normals`] smoothing and noise · [`texture`] robust minimum over views and
 //! frame gains.
 //!
 //! Invariants: depth is f32 metres, 0 or non-finite = no measurement; the volume is relative to an f64
@@ -27,15 +27,18 @@
 
 mod error;
 pub mod kernels;
+pub mod live;
 pub mod mesh;
 pub mod model_view;
 pub mod normals;
 pub mod texture;
+pub mod tracking;
 pub mod volume;
 
 pub use error::FusionError;
 pub use kernels::Level;
 pub use mesh::{Mesh, MeshConfig, components, extract_mesh, remove_small_components};
+pub use model_view::{ModelView, Surfel};
 pub use normals::{NormalNoise, normal_noise, rounds_for_voxel, smooth_normals};
 pub use texture::{RobustMinimum, Sample, frame_gains, robust_minimum};
 pub use volume::{IntegrateStats, Volume, VolumeConfig};

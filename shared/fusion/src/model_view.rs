@@ -1,18 +1,18 @@
-//! What the model looks like from a pose.
+//! What the fused model looks like from a camera: the image that tracking compares a frame with.
 
 use geometry::{Intrinsics, Pose};
 
-/// A piece of surface that one pixel sees.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// One pixel of a [`ModelView`]: a piece of surface, or nothing where `weight` is 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C, align(32))]
 pub struct Surfel {
-    /// Camera axes of the view, metres.
+    /// Where the pixel's ray meets the surface, camera axes of the view, metres.
     pub position: [f32; 3],
-    /// Linear luminance, 1.0 = the white level; 0 when unknown.
+    /// Linear luminance (Rec. 709), 1.0 = white level; 0 when unknown.
     pub grey: f32,
-    /// Unit, camera axes of the view, faces the camera.
+    /// Unit normal, camera axes of the view, facing the camera.
     pub normal: [f32; 3],
-    /// Weight of the volume; 0 = no surface here.
+    /// Weight of the volume at the surface; 0 = no surface here, and the rest is 0 too.
     pub weight: f32,
 }
 
@@ -24,15 +24,71 @@ impl Surfel {
         normal: [0.0; 3],
         weight: 0.0,
     };
+
+    /// Whether the pixel's ray meets a surface.
+    #[inline]
+    pub fn is_surface(&self) -> bool {
+        self.weight > 0.0
+    }
 }
 
-/// The surfels that a camera sees from a pose.
+/// A model seen by an ideal pinhole, one [`Surfel`] per pixel. Its buffers are reused from frame to frame.
 #[derive(Clone, Debug)]
 pub struct ModelView {
-    /// Pinhole camera without distortion.
+    /// The pinhole; its distortion plays no part.
     pub camera: Intrinsics,
-    /// Where it stands.
+    /// Where the camera stands.
     pub world_from_camera: Pose,
-    /// One per pixel, row-major.
+    /// Rows one after the other, `width · height` surfels.
     pub surfels: Vec<Surfel>,
+    /// Least weight of the eight voxels about a surface point; 0 asks only that all were observed. Kept by
+    /// [`crate::Volume::predict`].
+    pub min_weight: f32,
+}
+
+impl ModelView {
+    /// A view without any surface.
+    pub fn new(camera: &Intrinsics, world_from_camera: &Pose) -> Self {
+        let mut view = Self {
+            camera: *camera,
+            world_from_camera: *world_from_camera,
+            surfels: Vec::new(),
+            min_weight: 0.0,
+        };
+        view.reset(camera, world_from_camera);
+        view
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.camera.width() as usize
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.camera.height() as usize
+    }
+
+    /// The surfel of column `x`, row `y`.
+    ///
+    /// # Panics
+    /// When the pixel lies outside the image.
+    #[inline]
+    pub fn at(&self, x: usize, y: usize) -> &Surfel {
+        assert!(x < self.width(), "column {x} of {}", self.width());
+        &self.surfels[y * self.width() + x]
+    }
+
+    /// Number of pixels with a surface.
+    pub fn surface_count(&self) -> usize {
+        self.surfels.iter().filter(|s| s.is_surface()).count()
+    }
+
+    /// Takes another camera and place; surfels keep what they held where the size stays.
+    pub(crate) fn reset(&mut self, camera: &Intrinsics, world_from_camera: &Pose) {
+        self.camera = *camera;
+        self.world_from_camera = *world_from_camera;
+        let count = self.width() * self.height();
+        self.surfels.resize(count, Surfel::NONE);
+    }
 }

@@ -16,9 +16,10 @@
 //! ```
 //!
 //! Map: [`image`] buffers · [`depth`] codes to metres · [`response`] code curves · [`vignetting`] fall-off ·
-//! [`radiance`] the correction in one pass · [`pyramid`] half sizes · [`srgb`] the transfer curve of screens ·
-//! [`files`] JPEG and PNG · [`exr_files`] panoramas and confidence · [`whole_file`] no partial files ·
-//! [`measures`] errors and their summaries · [`error`] what is refused.
+//! [`radiance`] the correction in one pass · [`linear_pixel`] fixed-point radiance of the live path ·
+//! [`pyramid`] half sizes · [`srgb`] the transfer curve of screens · [`files`] JPEG and PNG ·
+//! [`exr_files`] panoramas and confidence · [`whole_file`] no partial files · [`measures`] errors and their
+//! summaries · [`error`] what is refused.
 //!
 //! Invariants: an [`Image`] holds width · height pixels; "no measurement" is asked through [`is_measured`];
 //! saturation is marked on raw codes; decoders check declared sizes before they allocate; results do not
@@ -29,6 +30,7 @@ pub mod error;
 pub mod exr_files;
 pub mod files;
 pub mod image;
+pub mod linear_pixel;
 pub mod measures;
 pub mod pyramid;
 pub mod radiance;
@@ -49,6 +51,7 @@ pub use crate::files::{
     jpeg_is_subsampled,
 };
 pub use crate::image::{DepthImage, Image, LinearImage, Mask, Rgb8Image};
+pub use crate::linear_pixel::{LinearPixel, RADIANCE_ONE};
 pub use crate::pyramid::{DepthTolerance, depth_pyramid, half_color, half_depth};
 pub use crate::radiance::{Corrector, Radiance, dilated};
 pub use crate::response::{CodeFlag, Response, ResponseRepair};

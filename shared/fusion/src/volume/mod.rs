@@ -8,6 +8,8 @@ mod allocate;
 mod config;
 mod depth;
 pub mod key;
+mod predict;
+mod sampler;
 mod table;
 #[cfg(test)]
 mod tests;

@@ -6,12 +6,12 @@
 
 use std::arch::x86_64::*;
 
-use super::{IcpStep, IcpSums, LEAST_COSINE_SQUARED, ModelPixels, PointTile, Z_NEAR};
+use super::{INLIER_SIGMAS, IcpStep, IcpSums, LEAST_COSINE_SQUARED, ModelPixels, PointTile, Z_NEAR};
 use crate::model_view::Surfel;
 
 const LANES: usize = 8;
-/// 21 of the Hessian, 6 of the gradient, cost and inliers.
-const SUMS: usize = 29;
+/// 21 of the Hessian, 6 of the gradient, and the cost.
+const SUMS: usize = 28;
 
 /// As [`super::scalar::sum_tile`], but for the order of additions.
 pub(super) fn sum_tile(
@@ -33,6 +33,7 @@ struct Accumulators {
     sums: [__m256; SUMS],
     met_count: u32,
     pair_count: u32,
+    inlier_count: u32,
 }
 
 #[target_feature(enable = "avx2")]
@@ -44,6 +45,7 @@ fn sum_lanes(points: PointTile<'_>, model: ModelPixels<'_>, step: &IcpStep) -> I
         sums: [_mm256_setzero_ps(); SUMS],
         met_count: 0,
         pair_count: 0,
+        inlier_count: 0,
     };
     let whole = points.x.len() / LANES * LANES;
     for first in (0..whole).step_by(LANES) {
@@ -142,10 +144,14 @@ fn sum_eight(
     let residual = masked(dot(normal, difference));
     let base = masked(_mm256_mul_ps(point_weight, cosine_squared));
     let square = _mm256_mul_ps(_mm256_mul_ps(residual, residual), base);
+    let agrees = _mm256_cmp_ps::<_CMP_LE_OQ>(
+        square,
+        _mm256_set1_ps(INLIER_SIGMAS * INLIER_SIGMAS),
+    );
+    totals.inlier_count += _mm256_movemask_ps(_mm256_and_ps(agrees, paired)).count_ones();
     let scale_squared = _mm256_set1_ps(step.robust_scale * step.robust_scale);
     let share = _mm256_div_ps(scale_squared, _mm256_add_ps(scale_squared, square));
-    let share_squared = _mm256_mul_ps(share, share);
-    let weight = _mm256_mul_ps(base, share_squared);
+    let weight = _mm256_mul_ps(base, _mm256_mul_ps(share, share));
     let turn = cross(sub(q, splat(step.center)), normal);
     // Lanes without a pair may hold what is not finite, and 0 · ∞ is NaN.
     let row = [
@@ -157,9 +163,8 @@ fn sum_eight(
         masked(normal[2]),
     ];
     accumulate(&row, weight, residual, &mut totals.sums);
-    let add = |sum: &mut __m256, value: __m256| *sum = _mm256_add_ps(*sum, masked(value));
-    add(&mut totals.sums[27], _mm256_sub_ps(one, share));
-    add(&mut totals.sums[28], share_squared);
+    let cost = masked(_mm256_sub_ps(one, share));
+    totals.sums[27] = _mm256_add_ps(totals.sums[27], cost);
 }
 
 #[inline]
@@ -189,9 +194,9 @@ fn folded(totals: &Accumulators) -> IcpSums {
         hessian: std::array::from_fn(sum),
         gradient: std::array::from_fn(|axis| sum(21 + axis)),
         cost: sum(27),
-        inlier_sum: sum(28),
         met_count: totals.met_count,
         pair_count: totals.pair_count,
+        inlier_count: totals.inlier_count,
     }
 }
 

@@ -27,6 +27,8 @@ pub const TILE_POINTS: usize = 1024;
 /// Least squared cosine between surface normal and ray: 80°, beyond it depth noise is amplified 6 times and
 /// more (hard-cases C13).
 const LEAST_COSINE_SQUARED: f32 = 0.03;
+/// Standard deviations of the sensor within which a pair agrees.
+pub const INLIER_SIGMAS: f32 = 3.0;
 /// Nearest z of a moved point that is projected, metres (hard-cases A12).
 const Z_NEAR: f32 = 0.01;
 
@@ -82,12 +84,12 @@ pub struct IcpSums {
     pub gradient: [f64; 6],
     /// Σ of u²/(u² + scale²) over the pairs, u the residual in standard deviations: 0 to 1 each.
     pub cost: f64,
-    /// Σ of the Geman-McClure share of the weights, 0 to 1 each: how many pairs count.
-    pub inlier_sum: f64,
     /// Points that fell on a surfel, near or far.
     pub met_count: u32,
     /// Points that were paired.
     pub pair_count: u32,
+    /// Pairs within [`INLIER_SIGMAS`] standard deviations.
+    pub inlier_count: u32,
 }
 
 impl IcpSums {
@@ -96,9 +98,9 @@ impl IcpSums {
         hessian: [0.0; 21],
         gradient: [0.0; 6],
         cost: 0.0,
-        inlier_sum: 0.0,
         met_count: 0,
         pair_count: 0,
+        inlier_count: 0,
     };
 
     /// Adds another tile.
@@ -110,9 +112,9 @@ impl IcpSums {
             *sum += value;
         }
         self.cost += other.cost;
-        self.inlier_sum += other.inlier_sum;
         self.met_count += other.met_count;
         self.pair_count += other.pair_count;
+        self.inlier_count += other.inlier_count;
     }
 }
 

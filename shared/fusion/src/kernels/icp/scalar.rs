@@ -1,6 +1,6 @@
 //! The specification of the sums.
 
-use super::{IcpStep, IcpSums, LEAST_COSINE_SQUARED, ModelPixels, PointTile, Z_NEAR};
+use super::{INLIER_SIGMAS, IcpStep, IcpSums, LEAST_COSINE_SQUARED, ModelPixels, PointTile, Z_NEAR};
 
 /// Sums over the points of a tile in their order.
 pub(super) fn sum_tile(
@@ -77,8 +77,8 @@ fn sum_point(
         sums.gradient[i] += f64::from(weighted * residual);
     }
     sums.cost += f64::from(1.0 - share);
-    sums.inlier_sum += f64::from(share * share);
     sums.pair_count += 1;
+    sums.inlier_count += u32::from(square <= INLIER_SIGMAS * INLIER_SIGMAS);
 }
 
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {

@@ -1,0 +1,70 @@
+//! Settings of live tracking and fusion.
+
+use geometry::{Intrinsics, Pose};
+
+use crate::tracking::{DepthNoise, Gates, IcpConfig, KeyframeConfig};
+use crate::volume::VolumeConfig;
+
+/// The cameras.
+#[derive(Clone, Copy, Debug)]
+pub struct LiveRig {
+    /// Pinhole of the depth images.
+    pub depth_camera: Intrinsics,
+    /// Camera of the half-size luminance, where there is colour; its distortion is ignored.
+    pub grey_camera: Option<Intrinsics>,
+    /// Colour camera from depth camera.
+    pub color_from_depth: Pose,
+}
+
+/// Settings.
+#[derive(Clone, Debug)]
+pub struct LiveConfig {
+    /// The volume of each map.
+    pub volume: VolumeConfig,
+    /// Alignment.
+    pub icp: IcpConfig,
+    /// Noise of depth.
+    pub noise: DepthNoise,
+    /// Sizes below the full image.
+    pub level_count: usize,
+    /// When a frame that follows another is believed.
+    pub gates: Gates,
+    /// When a recognised place is believed.
+    pub relocalising: Gates,
+    /// When frames are kept to find the way back.
+    pub keyframes: KeyframeConfig,
+    /// Frames in a row that must agree before a recognised place counts.
+    pub probation: u32,
+    /// Keyframes that are tried for a lost frame.
+    pub candidates: usize,
+    /// Lost frames with enough depth after which a new map begins.
+    pub new_map_after: u32,
+}
+
+impl Default for LiveConfig {
+    fn default() -> Self {
+        Self {
+            volume: VolumeConfig::default(),
+            icp: IcpConfig::default(),
+            noise: DepthNoise::default(),
+            level_count: 3,
+            gates: Gates::TRACKING,
+            relocalising: Gates::RELOCALISING,
+            keyframes: KeyframeConfig::default(),
+            probation: 2,
+            candidates: 3,
+            new_map_after: 90,
+        }
+    }
+}
+
+/// What gives way when time is short, first to last.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Effort {
+    /// The model is predicted at a quarter instead of half of the image's size.
+    pub coarse_view: bool,
+    /// The finest pass of the alignment is left out.
+    pub skip_finest: bool,
+    /// Colour is not fused.
+    pub skip_color: bool,
+}
