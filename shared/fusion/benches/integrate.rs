@@ -67,7 +67,16 @@ fn run(level: Level, depth: &[f32], block_count: usize, passes: usize) -> f64 {
             let view = view_of(number);
             let (before, after) = blocks.split_at_mut(number + 1);
             let (block, ahead) = (&mut before[number], after.first());
-            integrate_block(level, block, ahead, image, &view, &rule, &mut conflicts);
+            integrate_block(
+                level,
+                block,
+                None,
+                ahead,
+                image,
+                &view,
+                &rule,
+                &mut conflicts,
+            );
         }
         if pass > 0 {
             spent += process_seconds() - start;

@@ -57,4 +57,16 @@ pub enum FusionError {
         /// Values given.
         got: usize,
     },
+    /// The colour image does not have one pixel per pixel of the depth camera.
+    #[error("a colour image of {width} x {height} pixels needs {expected} values, got {got}")]
+    ColorSize {
+        /// Columns of the depth camera.
+        width: u32,
+        /// Rows of the depth camera.
+        height: u32,
+        /// `width · height`.
+        expected: usize,
+        /// Values given.
+        got: usize,
+    },
 }

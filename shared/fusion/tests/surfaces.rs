@@ -414,14 +414,15 @@ fn settings_that_cannot_work_are_refused() {
     for config in refused {
         assert!(Volume::new(config.clone()).is_err(), "{config:?}");
     }
-    // No block at all is a budget too.
+    // No byte at all is a budget too.
     let mut volume = Volume::new(VolumeConfig {
-        block_limit: 0,
+        memory_limit_bytes: 0,
         ..base()
     })
     .expect("allowed");
     let stats = volume.integrate(&[1.0; 64 * 48], &camera(64), &Pose::IDENTITY);
-    assert!(stats.expect("one value per pixel").blocks_refused > 0);
+    let stats = stats.expect("one value per pixel");
+    assert!(stats.blocks_refused > 0 && stats.limit_reached);
     assert_eq!(volume.block_count(), 0);
 }
 

@@ -51,8 +51,8 @@ pub struct Geometry {
     pub summary: GeometrySummary,
 }
 
-/// Blocks of 2 KiB and more that a volume may hold: about 6 GB.
-const BLOCK_LIMIT: usize = 1_400_000;
+/// Bytes that a volume may hold: about 1.4 million blocks of 8³ voxels.
+const MEMORY_LIMIT_BYTES: usize = 6 << 30;
 /// Least share of measured depth that must lie on the fused surface.
 const LEAST_FIT: f64 = 0.6;
 /// Frames that judge the fit.
@@ -95,7 +95,7 @@ pub fn build(
         voxel_size,
         min_depth: *range.start(),
         max_depth: *range.end(),
-        block_limit: BLOCK_LIMIT,
+        memory_limit_bytes: MEMORY_LIMIT_BYTES,
         origin,
         ..VolumeConfig::default()
     };

@@ -15,6 +15,10 @@ const CACHE_ENTRIES: usize = 4096;
 const RAYS_PER_TRUNCATION: f32 = 2.0;
 /// Pixels between followed rays, coarsest first.
 const STRIDES: [usize; 2] = [4, 2];
+/// Pixels that are tested together for depth edges.
+const CHUNK: usize = 16;
+/// Bit of a touched key, above the 63 bits of the key itself: more than one ray met the block.
+const REPEATED: u64 = 1 << 63;
 
 /// The pixel rays in block units, relative to the block that holds the camera: a point at depth z of
 /// pixel (x, y) is `eye + z (forward + x right + y down)`.
@@ -39,47 +43,57 @@ pub(super) struct BlockRays {
     pub sample_step: f32,
 }
 
-/// Blocks that a frame's rays meet.
-pub(super) struct Touched {
-    /// Keys in image order. A key met by one ray stands once, by more rays at least twice.
-    pub keys: Vec<u64>,
-    /// Requests beyond the coordinate range of keys.
-    pub out_of_range_count: usize,
+/// Finds the blocks that a frame's rays meet; its buffers are reused from frame to frame.
+#[derive(Default)]
+pub(super) struct Toucher {
+    bands: Vec<Band>,
 }
 
-/// Samples rays through depth ± truncation and collects the blocks on the way.
-///
-/// Every fourth or second pixel in x and y is followed, as blocks are many pixels large or few, and every
-/// pixel where blocks are smaller still or next to a depth edge: there a thin part, or a stretch of surface
-/// seen at a grazing angle, would fall between rays.
-pub(super) fn touched_blocks(image: DepthView<'_>, rays: &BlockRays) -> Touched {
-    let pixel_in_blocks = rays.right.length().max(rays.down.length());
-    let grids = STRIDES.map(|stride| Grid {
-        mask: stride - 1,
-        farthest: rays.truncation_in_blocks
-            / (stride as f32 * RAYS_PER_TRUNCATION * pixel_in_blocks),
-        // Between two followed rays depth then changes by no more than both bands cover.
-        jump: 2.0 * rays.truncation / stride as f32,
-    });
-    let bands: Vec<Touched> = (0..image.height.div_ceil(BAND_ROWS))
-        .into_par_iter()
-        .map(|band| {
-            let mut walker = Walker::new(rays);
-            for y in band * BAND_ROWS..((band + 1) * BAND_ROWS).min(image.height) {
-                walk_row(image, y, &grids, &mut walker);
-            }
-            walker.touched
-        })
-        .collect();
-    let mut all = Touched {
-        keys: Vec::new(),
-        out_of_range_count: 0,
-    };
-    for band in bands {
-        all.keys.extend(band.keys);
-        all.out_of_range_count += band.out_of_range_count;
+impl Toucher {
+    /// Samples rays through depth ± truncation and collects the blocks on the way.
+    ///
+    /// Every fourth or second pixel in x and y is followed, as blocks are many pixels large or few, and every
+    /// pixel where blocks are smaller still or next to a depth edge: there a thin part, or a stretch of surface
+    /// seen at a grazing angle, would fall between rays.
+    pub(super) fn touch(&mut self, image: DepthView<'_>, rays: &BlockRays) {
+        let pixel_in_blocks = rays.right.length().max(rays.down.length());
+        let grids = STRIDES.map(|stride| Grid {
+            mask: stride - 1,
+            farthest: rays.truncation_in_blocks
+                / (stride as f32 * RAYS_PER_TRUNCATION * pixel_in_blocks),
+            // Between two followed rays depth then changes by no more than both bands cover.
+            jump: 2.0 * rays.truncation / stride as f32,
+        });
+        let band_count = image.height.div_ceil(BAND_ROWS);
+        self.bands.resize_with(band_count, Band::default);
+        self.bands
+            .par_iter_mut()
+            .enumerate()
+            .for_each(|(number, band)| {
+                band.clear(rays);
+                let rows = number * BAND_ROWS..((number + 1) * BAND_ROWS).min(image.height);
+                for y in rows {
+                    band.walk_row(image, y, &grids, rays);
+                }
+            });
     }
-    all
+
+    /// Keys of touched blocks in image order, each with whether more than one ray met it. A key stands once
+    /// or more often.
+    pub(super) fn keys(&self) -> impl Iterator<Item = (u64, bool)> {
+        let keys = self.bands.iter().flat_map(|band| &band.keys);
+        keys.map(|&key| (key & !REPEATED, key & REPEATED != 0))
+    }
+
+    /// Requests beyond the coordinate range of keys.
+    pub(super) fn out_of_range_count(&self) -> usize {
+        self.bands.iter().map(|band| band.out_of_range_count).sum()
+    }
+
+    /// Bytes held.
+    pub(super) fn bytes(&self) -> usize {
+        self.bands.iter().map(Band::bytes).sum()
+    }
 }
 
 /// Which pixels are followed up to a depth.
@@ -92,28 +106,188 @@ struct Grid {
     jump: f32,
 }
 
-fn walk_row(
-    image: DepthView<'_>,
-    y: usize,
-    grids: &[Grid; STRIDES.len()],
-    walker: &mut Walker<'_>,
-) {
-    let width = image.width;
-    let row = &image.depth[y * width..(y + 1) * width];
-    // Borders compare with themselves.
-    let above = &image.depth[y.saturating_sub(1) * width..][..width];
-    let below = &image.depth[(y + 1).min(image.height - 1) * width..][..width];
-    largest_differences(row, above, below, &mut walker.jumps);
-    let start = walker.rays.forward + y as f32 * walker.rays.down;
-    for (x, &depth) in row.iter().enumerate() {
-        let grid = grids.iter().find(|grid| depth < grid.farthest);
-        let is_followed =
-            grid.is_none_or(|grid| (x | y) & grid.mask == 0 || walker.jumps[x] >= grid.jump);
-        // A loaded frame holds no NaN.
-        if is_followed && depth > 0.0 {
-            walker.walk(start + x as f32 * walker.rays.right, depth);
+/// The block that one sample of the last ray fell into.
+#[derive(Clone, Copy)]
+struct LastTouch {
+    cell: [i32; 3],
+    is_repeated: bool,
+}
+
+/// A pixel that is followed.
+#[derive(Clone, Copy)]
+struct Followed {
+    slope: Vec3A,
+    depth: f32,
+}
+
+/// The walk over one band of rows.
+#[derive(Default)]
+struct Band {
+    /// Keys met, with [`REPEATED`].
+    keys: Vec<u64>,
+    out_of_range_count: usize,
+    last: Vec<LastTouch>,
+    /// Keys met of late, and where they stand in `keys`.
+    cache: Vec<(u64, u32)>,
+    /// Differences to neighbours of the row at hand, metres.
+    jumps: Vec<f32>,
+    followed: Vec<Followed>,
+    /// Blocks of the followed pixels at one sample, and at the sample before.
+    cells: [Vec<[i32; 3]>; 2],
+}
+
+impl Band {
+    fn clear(&mut self, rays: &BlockRays) {
+        self.keys.clear();
+        self.out_of_range_count = 0;
+        self.last.clear();
+        let nowhere = LastTouch {
+            cell: [i32::MIN; 3],
+            is_repeated: true,
+        };
+        self.last.resize(2 * rays.half_samples + 1, nowhere);
+        self.cache.clear();
+        self.cache.resize(CACHE_ENTRIES, (u64::MAX, 0));
+    }
+
+    fn bytes(&self) -> usize {
+        let cells = self.cells.iter().map(Vec::capacity).sum::<usize>();
+        self.keys.capacity() * size_of::<u64>()
+            + self.last.capacity() * size_of::<LastTouch>()
+            + self.cache.capacity() * size_of::<(u64, u32)>()
+            + self.jumps.capacity() * size_of::<f32>()
+            + self.followed.capacity() * size_of::<Followed>()
+            + cells * size_of::<[i32; 3]>()
+    }
+
+    fn walk_row(
+        &mut self,
+        image: DepthView<'_>,
+        y: usize,
+        grids: &[Grid; STRIDES.len()],
+        rays: &BlockRays,
+    ) {
+        let width = image.width;
+        let row = &image.depth[y * width..(y + 1) * width];
+        // Borders compare with themselves.
+        let above = &image.depth[y.saturating_sub(1) * width..][..width];
+        let below = &image.depth[(y + 1).min(image.height - 1) * width..][..width];
+        largest_differences(row, above, below, &mut self.jumps);
+        self.follow_row(row, y, grids, rays);
+
+        // From depth − truncation to depth + truncation, half a block apart at most. The middle sample is the
+        // surface point, so no block with surface is passed over; a corner of the band that is cut short falls
+        // to the samples of other rays.
+        for sample in 0..self.last.len() {
+            let offset = sample as f32 * rays.sample_step - rays.truncation;
+            self.cells.swap(0, 1);
+            let cells = &mut self.cells[0];
+            cells.clear();
+            cells.extend(
+                self.followed
+                    .iter()
+                    .map(|pixel| whole_below(rays.eye + (pixel.depth + offset) * pixel.slope)),
+            );
+            self.touch_cells(sample, rays.anchor);
         }
     }
+
+    /// Lists the pixels of a row that are followed.
+    fn follow_row(
+        &mut self,
+        row: &[f32],
+        y: usize,
+        grids: &[Grid; STRIDES.len()],
+        rays: &BlockRays,
+    ) {
+        self.followed.clear();
+        let [coarse, fine] = grids;
+        let start = rays.forward + y as f32 * rays.down;
+        let is_on_grid = y & fine.mask == 0;
+        // The difference from which a pixel off the grid counts.
+        let limit = |depth: f32| {
+            if depth < coarse.farthest {
+                coarse.jump
+            } else if depth < fine.farthest {
+                fine.jump
+            } else {
+                0.0
+            }
+        };
+        for (chunk, (depths, jumps)) in row.chunks(CHUNK).zip(self.jumps.chunks(CHUNK)).enumerate()
+        {
+            // Most chunks lie off the grid and hold no edge. A loaded frame holds no NaN.
+            let has_edge = depths
+                .iter()
+                .zip(jumps)
+                .fold(false, |any, (&depth, &jump)| {
+                    any | ((jump >= limit(depth)) & (depth > 0.0))
+                });
+            if !has_edge && !is_on_grid {
+                continue;
+            }
+            for (n, (&depth, &jump)) in depths.iter().zip(jumps).enumerate() {
+                let x = chunk * CHUNK + n;
+                let mask = if depth < coarse.farthest {
+                    coarse.mask
+                } else {
+                    fine.mask
+                };
+                if depth > 0.0 && ((x | y) & mask == 0 || jump >= limit(depth)) {
+                    let slope = start + x as f32 * rays.right;
+                    self.followed.push(Followed { slope, depth });
+                }
+            }
+        }
+    }
+
+    /// Touches the blocks of one sample of every followed pixel.
+    fn touch_cells(&mut self, sample: usize, anchor: [i32; 3]) {
+        let mut last = self.last[sample];
+        for n in 0..self.cells[0].len() {
+            let cell = self.cells[0][n];
+            // Neighbouring rays mostly meet the same blocks; the second meeting still counts.
+            if cell == last.cell && last.is_repeated {
+                continue;
+            }
+            // Two samples in one block are still one ray.
+            if sample > 0 && cell == self.cells[1][n] {
+                continue;
+            }
+            last = LastTouch {
+                cell,
+                is_repeated: cell == last.cell,
+            };
+            self.touch(cell, anchor);
+        }
+        self.last[sample] = last;
+    }
+
+    fn touch(&mut self, cell: [i32; 3], anchor: [i32; 3]) {
+        let block = std::array::from_fn(|axis| cell[axis].saturating_add(anchor[axis]));
+        let Some(key) = pack(block) else {
+            self.out_of_range_count += 1;
+            return;
+        };
+        let slot = &mut self.cache
+            [(key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as usize & (CACHE_ENTRIES - 1)];
+        if slot.0 == key {
+            self.keys[slot.1 as usize] |= REPEATED;
+        } else {
+            *slot = (key, self.keys.len() as u32);
+            self.keys.push(key);
+        }
+    }
+}
+
+/// The largest whole numbers not above the coordinates (within ±2²¹; on a whole number it may be the one
+/// below). Adding 1.5·2²³ leaves no bit behind the point, which needs no instruction beyond an addition.
+#[inline]
+fn whole_below(point: Vec3A) -> [i32; 3] {
+    const SHIFT: f32 = 12_582_912.0;
+    ((point - 0.5) + SHIFT)
+        .to_array()
+        .map(|c| (c.to_bits() as i32).wrapping_sub(SHIFT.to_bits() as i32))
 }
 
 /// For each pixel the largest absolute difference to its four neighbours. Plain comparisons, because the
@@ -133,94 +307,6 @@ fn largest_differences(row: &[f32], above: &[f32], below: &[f32], out: &mut Vec<
     }
     for ((out, &depth), &right) in out.iter_mut().zip(lefts).zip(rights) {
         *out = larger(*out, (right - depth).abs());
-    }
-}
-
-/// The block that one sample of the last ray fell into.
-#[derive(Clone, Copy)]
-struct LastTouch {
-    /// Whole numbers.
-    cell: Vec3A,
-    is_repeated: bool,
-}
-
-struct Walker<'a> {
-    rays: &'a BlockRays,
-    last: Vec<LastTouch>,
-    cache: Vec<(u64, bool)>,
-    /// Differences to neighbours of the row at hand, metres.
-    jumps: Vec<f32>,
-    touched: Touched,
-}
-
-impl<'a> Walker<'a> {
-    fn new(rays: &'a BlockRays) -> Self {
-        let last = LastTouch {
-            cell: Vec3A::NAN,
-            is_repeated: true,
-        };
-        Self {
-            rays,
-            last: vec![last; 2 * rays.half_samples + 1],
-            cache: vec![(u64::MAX, false); CACHE_ENTRIES],
-            jumps: Vec::new(),
-            touched: Touched {
-                keys: Vec::new(),
-                out_of_range_count: 0,
-            },
-        }
-    }
-
-    /// Visits the blocks at samples from depth − truncation to depth + truncation on one ray, half a block
-    /// apart at most. The middle sample is the surface point, so no block with surface is passed over; a
-    /// corner of the band that is cut short falls to the samples of other rays.
-    #[inline]
-    fn walk(&mut self, slope: Vec3A, depth: f32) {
-        let rays = self.rays;
-        let step = rays.sample_step * slope;
-        let mut point = rays.eye + (depth - rays.truncation) * slope;
-        let mut previous = Vec3A::NAN;
-        for sample in 0..self.last.len() {
-            let cell = point.floor();
-            point += step;
-            // Two samples in one block are still one ray.
-            if cell == previous {
-                continue;
-            }
-            previous = cell;
-            // Neighbouring rays mostly meet the same blocks; the second meeting still counts.
-            let last = &mut self.last[sample];
-            if last.cell != cell {
-                *last = LastTouch {
-                    cell,
-                    is_repeated: false,
-                };
-                self.touch(cell);
-            } else if !last.is_repeated {
-                last.is_repeated = true;
-                self.touch(cell);
-            }
-        }
-    }
-
-    #[inline]
-    fn touch(&mut self, cell: Vec3A) {
-        // Whole numbers; a cast saturates, and `pack` refuses what is that far away.
-        let local = cell.to_array().map(|c| c as i32);
-        let block = std::array::from_fn(|axis| local[axis].saturating_add(self.rays.anchor[axis]));
-        let Some(key) = pack(block) else {
-            self.touched.out_of_range_count += 1;
-            return;
-        };
-        let slot = &mut self.cache
-            [(key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as usize & (CACHE_ENTRIES - 1)];
-        if slot.0 != key {
-            *slot = (key, false);
-            self.touched.keys.push(key);
-        } else if !slot.1 {
-            slot.1 = true;
-            self.touched.keys.push(key);
-        }
     }
 }
 
@@ -244,5 +330,10 @@ impl Frontier {
     pub(super) fn is_known(&mut self, key: u64) -> bool {
         let slot = mix(key) as usize & (self.keys.len() - 1);
         std::mem::replace(&mut self.keys[slot], key) == key
+    }
+
+    /// Bytes held.
+    pub(super) fn bytes(&self) -> usize {
+        self.keys.len() * size_of::<u64>()
     }
 }

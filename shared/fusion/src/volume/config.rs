@@ -39,8 +39,9 @@ pub struct VolumeConfig {
     pub min_depth: f32,
     /// Farthest depth that is used, metres, at most 1000.
     pub max_depth: f32,
-    /// Largest number of 8³ blocks (4 KiB each); later requests are refused and counted (D17).
-    pub block_limit: usize,
+    /// Most bytes that the volume holds: blocks (4 KiB each for 8³ voxels, 8 KiB with colour), tables and the
+    /// buffers of a frame. Requests for blocks beyond it are refused and counted (D17).
+    pub memory_limit_bytes: usize,
     /// World position of voxel (0, 0, 0), metres. Near the scene: mesh positions are f32 relative to it.
     pub origin: DVec3,
 }
@@ -55,7 +56,7 @@ impl Default for VolumeConfig {
             depth_step: 0.0029,
             min_depth: 0.3,
             max_depth: 4.0,
-            block_limit: 500_000,
+            memory_limit_bytes: 2 << 30,
             origin: DVec3::ZERO,
         }
     }

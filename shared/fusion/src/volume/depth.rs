@@ -1,6 +1,7 @@
 //! A depth image made ready for fusion: gated, undistorted, with depth bounds per tile.
 
 use geometry::{DVec2, Intrinsics};
+use imaging::LinearPixel;
 use rayon::prelude::*;
 
 use crate::kernels::integrate::{BlockView, DepthView, Z_NEAR};
@@ -18,10 +19,20 @@ struct Tile {
     is_full: bool,
 }
 
+impl Tile {
+    const UNKNOWN: Self = Self {
+        nearest: f32::INFINITY,
+        farthest: f32::NEG_INFINITY,
+        is_full: true,
+    };
+}
+
 /// One frame's depth without distortion, 0 = no measurement; buffers are reused between frames.
 #[derive(Default)]
 pub(super) struct FrameDepth {
     depth: Vec<f32>,
+    /// Colour without distortion; not used while the camera has none.
+    color: Vec<LinearPixel>,
     width: usize,
     height: usize,
     tiles: Vec<Tile>,
@@ -42,10 +53,12 @@ pub(super) struct DepthBounds {
 impl FrameDepth {
     /// Takes `raw` (metres, row-major, one value per pixel of `camera`); depths outside `gate` and
     /// non-finite ones become 0. A distorted image is resampled to the ideal pinhole of the same focal
-    /// lengths and centre by nearest pixel: averaging depths would invent surfaces across edges.
+    /// lengths and centre by nearest pixel: averaging depths would invent surfaces across edges. `color`, one
+    /// per depth, goes the same way.
     pub(super) fn load(
         &mut self,
         raw: &[f32],
+        color: Option<&[LinearPixel]>,
         camera: &Intrinsics,
         gate: std::ops::RangeInclusive<f32>,
     ) {
@@ -54,14 +67,7 @@ impl FrameDepth {
         self.tile_columns = self.width.div_ceil(TILE);
         self.depth.resize(self.width * self.height, 0.0);
         let tile_count = self.tile_columns * self.height.div_ceil(TILE);
-        self.tiles.resize(
-            tile_count,
-            Tile {
-                nearest: 0.0,
-                farthest: 0.0,
-                is_full: false,
-            },
-        );
+        self.tiles.resize(tile_count, Tile::UNKNOWN);
         self.update_undistortion(camera);
 
         let gated = |depth: f32| if gate.contains(&depth) { depth } else { 0.0 };
@@ -94,6 +100,41 @@ impl FrameDepth {
                 }
                 bound_tiles(rows, width, tiles);
             });
+        if let (Some(sources), Some(color)) = (sources, color) {
+            self.color.resize(color.len(), LinearPixel::INVALID);
+            self.color
+                .par_chunks_mut(width * TILE)
+                .zip(sources.par_chunks(width * TILE))
+                .for_each(|(out, sources)| {
+                    for (out, &source) in out.iter_mut().zip(sources) {
+                        *out = color
+                            .get(source as usize)
+                            .copied()
+                            .unwrap_or(LinearPixel::INVALID);
+                    }
+                });
+        }
+    }
+
+    /// The colour image that lies on the depth of [`FrameDepth::view`]: `color`, or what `load` made of it.
+    pub(super) fn color_view<'a>(&'a self, color: &'a [LinearPixel]) -> &'a [LinearPixel] {
+        if self.undistortion.is_some() {
+            &self.color
+        } else {
+            color
+        }
+    }
+
+    /// Bytes held.
+    pub(super) fn bytes(&self) -> usize {
+        let sources = self
+            .undistortion
+            .as_ref()
+            .map_or(0, |(_, sources)| sources.capacity());
+        self.depth.capacity() * size_of::<f32>()
+            + self.color.capacity() * size_of::<LinearPixel>()
+            + self.tiles.capacity() * size_of::<Tile>()
+            + sources * size_of::<u32>()
     }
 
     /// The frame for the kernel.
@@ -113,25 +154,20 @@ impl FrameDepth {
             farthest: f32::INFINITY,
             is_inside: false,
         };
-        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
-        for corner in 0..8usize {
-            let along: [f32; 3] =
-                std::array::from_fn(|axis| if corner >> axis & 1 == 1 { 7.0 } else { 0.0 });
-            let [u, v, z]: [f32; 3] = std::array::from_fn(|c| {
-                view.start[c]
-                    + along[0] * view.step[0][c]
-                    + along[1] * view.step[1][c]
-                    + along[2] * view.step[2][c]
-            });
-            // The pixels of a block are inside the hull of its corners only when all are in front.
-            if z < Z_NEAR || z.is_nan() {
-                return Some(unknown);
-            }
-            for (axis, pixel) in [u / z, v / z].into_iter().enumerate() {
-                low[axis] = low[axis].min(pixel);
-                high[axis] = high[axis].max(pixel);
-            }
+        let corners: [[f32; 8]; 3] = std::array::from_fn(|c| {
+            let [x, y, z] = [0, 1, 2].map(|axis| 7.0 * view.step[axis][c]);
+            std::array::from_fn(|corner| {
+                let bit = |axis: usize| (corner >> axis & 1) as f32;
+                view.start[c] + bit(0) * x + bit(1) * y + bit(2) * z
+            })
+        });
+        // The pixels of a block are inside the hull of its corners only when all are in front.
+        let z = &corners[2];
+        if !z.iter().fold(true, |all, &z| all & (z >= Z_NEAR)) {
+            return Some(unknown);
         }
+        let ranges = [0, 1].map(|c| pixel_range(&corners[c], z));
+        let (low, high) = (ranges.map(|range| range.0), ranges.map(|range| range.1));
         // One pixel of margin for rounding.
         let (width, height) = (self.width as f32, self.height as f32);
         let is_inside =
@@ -172,26 +208,75 @@ impl FrameDepth {
     }
 }
 
+/// Least and greatest of `homogeneous / z`.
+#[inline]
+fn pixel_range(homogeneous: &[f32; 8], z: &[f32; 8]) -> (f32, f32) {
+    let pixel: [f32; 8] = std::array::from_fn(|corner| homogeneous[corner] / z[corner]);
+    let least = |a: f32, b: f32| if a < b { a } else { b };
+    let most = |a: f32, b: f32| if a > b { a } else { b };
+    (
+        pixel.into_iter().fold(f32::INFINITY, least),
+        pixel.into_iter().fold(f32::NEG_INFINITY, most),
+    )
+}
+
 fn bound_tiles(rows: &[f32], width: usize, tiles: &mut [Tile]) {
-    tiles.fill(Tile {
-        nearest: f32::INFINITY,
-        farthest: f32::NEG_INFINITY,
-        is_full: true,
-    });
-    for row in rows.chunks_exact(width) {
-        for (tile, depths) in tiles.iter_mut().zip(row.chunks(TILE)) {
-            for &depth in depths {
-                let is_measured = depth > 0.0;
-                // Plain comparisons: nothing here is NaN.
-                if is_measured && depth < tile.nearest {
-                    tile.nearest = depth;
-                }
-                if is_measured && depth > tile.farthest {
-                    tile.farthest = depth;
-                }
-                tile.is_full &= is_measured;
-            }
+    for (column, tile) in tiles.iter_mut().enumerate() {
+        let from = column * TILE;
+        let to = (from + TILE).min(width);
+        *tile = if to - from == TILE {
+            bound_full_tile(rows, width, from)
+        } else {
+            bound_tile(rows.chunks_exact(width).flat_map(|row| &row[from..to]))
+        };
+    }
+}
+
+fn bound_tile<'a>(depths: impl Iterator<Item = &'a f32>) -> Tile {
+    let mut tile = Tile::UNKNOWN;
+    for &depth in depths {
+        // 0 = no measurement; nothing here is NaN.
+        if depth > 0.0 {
+            tile.nearest = tile.nearest.min(depth);
+            tile.farthest = tile.farthest.max(depth);
         }
+        tile.is_full &= depth > 0.0;
+    }
+    tile
+}
+
+/// As [`bound_tile`], a row at a time: plain comparisons, which a vector unit has.
+fn bound_full_tile(rows: &[f32], width: usize, from: usize) -> Tile {
+    let mut nearest = [f32::INFINITY; TILE];
+    let mut farthest = [0.0_f32; TILE];
+    let mut least = [f32::INFINITY; TILE];
+    for row in rows.chunks_exact(width) {
+        let depths = &row[from..from + TILE];
+        for n in 0..TILE {
+            let depth = depths[n];
+            let measured = if depth > 0.0 { depth } else { f32::INFINITY };
+            nearest[n] = if measured < nearest[n] {
+                measured
+            } else {
+                nearest[n]
+            };
+            farthest[n] = if depth > farthest[n] {
+                depth
+            } else {
+                farthest[n]
+            };
+            least[n] = if depth < least[n] { depth } else { least[n] };
+        }
+    }
+    let farthest = farthest.into_iter().fold(0.0, f32::max);
+    Tile {
+        nearest: nearest.into_iter().fold(f32::INFINITY, f32::min),
+        farthest: if farthest > 0.0 {
+            farthest
+        } else {
+            f32::NEG_INFINITY
+        },
+        is_full: least.into_iter().fold(f32::INFINITY, f32::min) > 0.0,
     }
 }
 

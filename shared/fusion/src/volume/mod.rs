@@ -5,47 +5,49 @@
 //! (hard-cases A14, D11).
 
 mod allocate;
+mod blocks;
 mod config;
 mod depth;
 pub mod key;
 mod predict;
+mod projection;
 mod sampler;
 mod table;
 #[cfg(test)]
 mod tests;
 
-use geometry::{DMat3, DVec3, Intrinsics, Pose};
+use geometry::{Intrinsics, Pose};
+use imaging::LinearPixel;
 use rayon::prelude::*;
 
-use self::allocate::{BlockRays, Frontier, touched_blocks};
+use self::allocate::{Frontier, Toucher};
+use self::blocks::{BlockStore, Slab};
 use self::depth::FrameDepth;
-use self::key::{BLOCK_EDGE, pack, split_voxel, unpack};
+use self::key::{split_voxel, unpack};
+use self::projection::Projection;
 use crate::error::FusionError;
 use crate::kernels::Level;
-use crate::kernels::integrate::{Block, BlockView, Conflicts, UpdateRule, integrate_block};
+use crate::kernels::integrate::{
+    Block, ColorBlock, ColorView, Conflicts, UpdateRule, integrate_block,
+};
 
 pub use self::config::{MIN_TRUNCATION_VOXELS, VolumeConfig};
 pub use self::table::BlockTable;
 
-/// Longest way between two samples of a ray's band, in block edges: no layer of blocks is stepped over.
-const LONGEST_SAMPLE_STEP: f32 = 0.75;
 /// Depth steps by which two observations of one surface may differ before they contradict each other.
 const CONFLICT_STEPS: f32 = 2.0;
-/// Blocks per allocation and per parallel task (256 KiB).
-const SLAB_BLOCKS: usize = 64;
+/// Distance from the observed surface within which voxels get colour, in voxels. Meshing and prediction read
+/// the eight voxels of a cell that the surface crosses, √3 away at most.
+const COLOR_REACH_VOXELS: f32 = 2.0;
 
 /// A hashed TSDF volume.
 pub struct Volume {
     config: VolumeConfig,
     level: Level,
-    table: BlockTable,
-    keys: Vec<u64>,
-    /// Number of the last frame that touched the block.
-    touched_in: Vec<u32>,
-    slabs: Vec<Vec<Block>>,
+    store: BlockStore,
     frontier: Frontier,
+    toucher: Toucher,
     frame: FrameDepth,
-    frame_number: u32,
     refused_count: u64,
 }
 
@@ -58,6 +60,8 @@ pub struct IntegrateStats {
     pub blocks_refused: usize,
     /// Blocks in the band of this frame, updated or tested.
     pub blocks_visible: usize,
+    /// Whether [`VolumeConfig::memory_limit_bytes`] kept the volume from making a block, or from taking colour.
+    pub limit_reached: bool,
 }
 
 /// A voxel's value.
@@ -81,13 +85,10 @@ impl Volume {
         Ok(Self {
             config,
             level,
-            table: BlockTable::default(),
-            keys: Vec::new(),
-            touched_in: Vec::new(),
-            slabs: Vec::new(),
+            store: BlockStore::new(),
             frontier: Frontier::default(),
+            toucher: Toucher::default(),
             frame: FrameDepth::default(),
-            frame_number: 0,
             refused_count: 0,
         })
     }
@@ -99,7 +100,7 @@ impl Volume {
 
     /// Number of allocated blocks.
     pub fn block_count(&self) -> usize {
-        self.keys.len()
+        self.store.len()
     }
 
     /// Requests for blocks refused since the volume exists.
@@ -107,109 +108,150 @@ impl Volume {
         self.refused_count
     }
 
+    /// Whether voxels have room for colour: since the first [`Volume::integrate_colored`] that found memory.
+    pub fn has_color(&self) -> bool {
+        self.store.has_color()
+    }
+
+    /// Bytes held: blocks, colours, tables and the buffers of a frame.
+    /// [`VolumeConfig::memory_limit_bytes`] bounds it.
+    pub fn memory_bytes(&self) -> usize {
+        self.store.bytes() + self.buffer_bytes()
+    }
+
     /// Fuses one depth image.
     ///
     /// `depth`: metres along z, row-major, one value per pixel of `camera`; 0 and non-finite mean no
     /// measurement. Lens distortion in `camera` is undone first by nearest-pixel resampling (the map is
     /// kept while the camera stays the same). A block is allocated when a second ray meets it, in this
-    /// frame or a later one. The same input gives the same volume for any number of threads.
+    /// frame or a later one. The same input gives the same volume for any number of threads. Allocates
+    /// nothing once warm, unless blocks are made.
     pub fn integrate(
         &mut self,
         depth: &[f32],
         camera: &Intrinsics,
         world_from_camera: &Pose,
     ) -> Result<IntegrateStats, FusionError> {
-        let expected = camera.width() as usize * camera.height() as usize;
-        if depth.len() != expected {
-            let (width, height) = (camera.width(), camera.height());
-            return Err(FusionError::DepthSize {
-                width,
-                height,
-                expected,
-                got: depth.len(),
-            });
-        }
+        self.fuse(depth, None, camera, world_from_camera)
+    }
+
+    /// Fuses one depth image and the colour of its surface.
+    ///
+    /// As [`Volume::integrate`]; `color` holds one linear pixel per depth, seen by the same camera, invalid where
+    /// there is none. Voxels within two voxels of the observed surface take it. Saturated samples count only
+    /// where there is no other. When the memory limit leaves no room for colour, depth alone is fused, and the
+    /// stats say so.
+    pub fn integrate_colored(
+        &mut self,
+        depth: &[f32],
+        color: &[LinearPixel],
+        camera: &Intrinsics,
+        world_from_camera: &Pose,
+    ) -> Result<IntegrateStats, FusionError> {
+        self.fuse(depth, Some(color), camera, world_from_camera)
+    }
+
+    fn fuse(
+        &mut self,
+        depth: &[f32],
+        color: Option<&[LinearPixel]>,
+        camera: &Intrinsics,
+        world_from_camera: &Pose,
+    ) -> Result<IntegrateStats, FusionError> {
+        check_size(depth.len(), color.map(<[_]>::len), camera)?;
         // A depth below the near plane of the kernel would allocate blocks that are never written.
         let min_depth = self.config.min_depth.max(geometry::camera::Z_NEAR as f32);
         self.frame
-            .load(depth, camera, min_depth..=self.config.max_depth);
-        self.frame_number += 1;
+            .load(depth, color, camera, min_depth..=self.config.max_depth);
 
         let projection = Projection::new(camera, world_from_camera, &self.config);
-        let touched = touched_blocks(self.frame.view(), &projection.block_rays(&self.config));
-        let mut stats = self.allocate(&touched.keys);
-        stats.blocks_refused += touched.out_of_range_count;
+        self.toucher
+            .touch(self.frame.view(), &projection.block_rays(&self.config));
+        let mut stats = IntegrateStats::default();
+        if color.is_some() && !self.store.has_color() {
+            if self.memory_bytes() + self.store.color_bytes() <= self.config.memory_limit_bytes {
+                self.store.add_color();
+            } else {
+                stats.limit_reached = true;
+            }
+        }
+        self.allocate(&mut stats);
         self.refused_count += stats.blocks_refused as u64;
-        self.update_blocks(&projection);
+        self.update_blocks(&projection, color.filter(|_| self.store.has_color()));
         Ok(stats)
     }
 
     /// The voxel at integer coordinates, `None` where no block is.
     pub fn voxel(&self, voxel: [i32; 3]) -> Option<Voxel> {
         let (block, index) = split_voxel(voxel);
-        let block = self.block(self.table.get(pack(block)?)?);
+        let block = self.block(self.store.index_at(block)?);
         Some(Voxel {
             tsdf: block.tsdf[index],
             weight: block.weight[index],
         })
     }
 
+    /// Linear radiance of the voxel at integer coordinates, and whether it is a lower bound because every
+    /// sample was saturated; `None` without colour.
+    pub fn voxel_radiance(&self, voxel: [i32; 3]) -> Option<([f32; 3], bool)> {
+        let (block, index) = split_voxel(voxel);
+        self.color(self.store.index_at(block)?)?.radiance(index)
+    }
+
     /// Indices of all blocks in the order of their keys: by x, y, z, whatever the order of allocation.
     pub(crate) fn sorted_blocks(&self) -> Vec<u32> {
-        let mut order: Vec<u32> = (0..self.keys.len() as u32).collect();
-        order.par_sort_unstable_by_key(|&index| self.keys[index as usize]);
-        order
+        self.store.sorted()
     }
 
     /// Coordinates of a block.
     pub(crate) fn block_coordinates(&self, index: u32) -> [i32; 3] {
-        unpack(self.keys[index as usize])
+        self.store.coordinates(index)
     }
 
     /// Index of the block at coordinates.
     pub(crate) fn block_index(&self, coordinates: [i32; 3]) -> Option<u32> {
-        self.table.get(pack(coordinates)?)
+        self.store.index_at(coordinates)
     }
 
     /// A block by index.
     pub(crate) fn block(&self, index: u32) -> &Block {
-        &self.slabs[index as usize / SLAB_BLOCKS][index as usize % SLAB_BLOCKS]
+        self.store.block(index)
+    }
+
+    /// Colour of a block by index; `None` in a volume without colour.
+    pub(crate) fn color(&self, index: u32) -> Option<&ColorBlock> {
+        self.store.color(index)
+    }
+
+    fn buffer_bytes(&self) -> usize {
+        self.frontier.bytes() + self.toucher.bytes() + self.frame.bytes()
     }
 
     /// Makes missing blocks and marks those of this frame.
-    fn allocate(&mut self, touched: &[u64]) -> IntegrateStats {
-        let mut stats = IntegrateStats::default();
-        for &key in touched {
-            if let Some(index) = self.table.get(key) {
-                let stamp = &mut self.touched_in[index as usize];
-                stats.blocks_visible += usize::from(*stamp != self.frame_number);
-                *stamp = self.frame_number;
-            } else if self.frontier.is_known(key) {
-                if self.keys.len() < self.config.block_limit.min(u32::MAX as usize) {
-                    self.push_block(key);
-                    stats.blocks_allocated += 1;
-                    stats.blocks_visible += 1;
-                } else {
+    fn allocate(&mut self, stats: &mut IntegrateStats) {
+        let buffer_bytes = self.buffer_bytes();
+        let limit = self.config.memory_limit_bytes.saturating_sub(buffer_bytes);
+        for (key, is_repeated) in self.toucher.keys() {
+            let index = if let Some(index) = self.store.find(key) {
+                index
+            } else if is_repeated || self.frontier.is_known(key) {
+                if self.store.bytes_for_next() > limit || self.store.len() >= u32::MAX as usize {
                     stats.blocks_refused += 1;
+                    stats.limit_reached = true;
+                    continue;
                 }
-            }
+                stats.blocks_allocated += 1;
+                self.store.push(key)
+            } else {
+                continue;
+            };
+            stats.blocks_visible += usize::from(self.store.touch(index));
         }
-        stats
-    }
-
-    fn push_block(&mut self, key: u64) {
-        let index = self.keys.len();
-        if index.is_multiple_of(SLAB_BLOCKS) {
-            self.slabs.push(Vec::with_capacity(SLAB_BLOCKS));
-        }
-        self.slabs[index / SLAB_BLOCKS].push(Block::EMPTY);
-        self.table.insert(key, index as u32);
-        self.keys.push(key);
-        self.touched_in.push(self.frame_number);
+        stats.blocks_refused += self.toucher.out_of_range_count();
     }
 
     /// Each block is written by one task, so the result does not depend on their order.
-    fn update_blocks(&mut self, projection: &Projection) {
+    fn update_blocks(&mut self, projection: &Projection, color: Option<&[LinearPixel]>) {
         let config = &self.config;
         let rule = UpdateRule {
             truncation: config.truncation(),
@@ -218,123 +260,86 @@ impl Volume {
             conflict: 1.0 / config.truncation_voxels,
             conflict_at_one_metre: CONFLICT_STEPS * config.depth_step / config.truncation(),
         };
-        let (level, frame, frame_number) = (self.level, &self.frame, self.frame_number);
-        self.slabs
-            .par_iter_mut()
-            .zip(self.keys.par_chunks(SLAB_BLOCKS))
-            .zip(self.touched_in.par_chunks(SLAB_BLOCKS))
-            .for_each(|((slab, keys), touched_in)| {
-                let mut conflicts = Conflicts::NONE;
-                let mut places = (0..slab.len())
-                    .filter(|&place| touched_in[place] == frame_number)
-                    .peekable();
-                while let Some(place) = places.next() {
-                    let mut view = projection.block_view(unpack(keys[place]));
-                    let Some(bounds) = frame.bounds(&view) else {
-                        continue;
-                    };
-                    view.farthest = bounds.farthest + rule.truncation;
-                    view.nearest = bounds.nearest - rule.truncation;
-                    view.is_inside = bounds.is_inside;
-                    let (before, after) = slab.split_at_mut(place + 1);
-                    let block = &mut before[place];
-                    let ahead = places.peek().map(|next| &after[next - place - 1]);
-                    integrate_block(
-                        level,
-                        block,
-                        ahead,
-                        frame.view(),
-                        &view,
-                        &rule,
-                        &mut conflicts,
-                    );
-                }
-            });
-    }
-}
-
-/// A camera relative to the volume, in f64.
-struct Projection {
-    camera_from_volume: DMat3,
-    /// Camera centre relative to the volume origin, metres.
-    eye: DVec3,
-    focal: geometry::DVec2,
-    center: geometry::DVec2,
-    /// Columns and rows.
-    size: geometry::DVec2,
-    voxel_size: f64,
-}
-
-impl Projection {
-    fn new(camera: &Intrinsics, world_from_camera: &Pose, config: &VolumeConfig) -> Self {
-        Self {
-            camera_from_volume: world_from_camera.matrix().transpose(),
-            eye: world_from_camera.translation() - config.origin,
-            focal: camera.focal(),
-            center: camera.center(),
-            size: geometry::DVec2::new(f64::from(camera.width()), f64::from(camera.height())),
-            voxel_size: f64::from(config.voxel_size),
-        }
-    }
-
-    /// Homogeneous pixel (u·z, v·z, z) of a vector in camera axes.
-    fn homogeneous(&self, v: DVec3) -> [f32; 3] {
-        let u = self.focal.x * v.x + self.center.x * v.z;
-        let w = self.focal.y * v.y + self.center.y * v.z;
-        [u as f32, w as f32, v.z as f32]
-    }
-
-    /// The view of a block, without depth bounds.
-    fn block_view(&self, block: [i32; 3]) -> BlockView {
-        let first_voxel =
-            DVec3::from_array(block.map(|c| f64::from(c) * BLOCK_EDGE as f64)) * self.voxel_size;
-        let from_eye = first_voxel - self.eye;
-        let middle = from_eye + DVec3::splat(3.5 * self.voxel_size);
-        let to_camera = (-middle).normalize_or_zero();
-        BlockView {
-            start: self.homogeneous(self.camera_from_volume * from_eye),
-            step: [0, 1, 2]
-                .map(|axis| self.homogeneous(self.camera_from_volume.col(axis) * self.voxel_size)),
-            to_camera: to_camera.as_vec3().to_array(),
-            farthest: f32::INFINITY,
-            nearest: f32::NEG_INFINITY,
-            is_inside: false,
-        }
-    }
-
-    fn block_rays(&self, config: &VolumeConfig) -> BlockRays {
-        let block_size = self.voxel_size * BLOCK_EDGE as f64;
-        let eye = self.eye / block_size;
-        let anchor = eye.floor();
-        let volume_from_camera = self.camera_from_volume.transpose();
-        let ray = |x: f64, y: f64, z: f64| {
-            (volume_from_camera * DVec3::new(x / self.focal.x, y / self.focal.y, z) / block_size)
-                .as_vec3a()
+        let frame = &self.frame;
+        let update = SlabUpdate {
+            level: self.level,
+            frame,
+            projection,
+            rule,
+            colors: color.map(|color| ColorView {
+                pixels: frame.color_view(color),
+                reach: COLOR_REACH_VOXELS / config.truncation_voxels,
+            }),
         };
-        let corners = [0, 1, 2, 3].map(|n| {
-            let (x, y) = (f64::from(n & 1), f64::from(n >> 1));
-            ray(
-                x * self.size.x - self.center.x,
-                y * self.size.y - self.center.y,
-                1.0,
-            )
+        self.store
+            .slabs_mut()
+            .par_iter_mut()
+            .filter(|slab| slab.touched != 0)
+            .for_each(|slab| update.apply(slab));
+    }
+}
+
+/// Refuses images that do not have one value per pixel.
+fn check_size(depth: usize, color: Option<usize>, camera: &Intrinsics) -> Result<(), FusionError> {
+    let (width, height) = (camera.width(), camera.height());
+    let expected = width as usize * height as usize;
+    if depth != expected {
+        return Err(FusionError::DepthSize {
+            width,
+            height,
+            expected,
+            got: depth,
         });
-        let longest_ray = corners
-            .into_iter()
-            .fold(0.0, |longest: f32, ray| longest.max(ray.length()));
-        let half_samples =
-            (config.truncation() * longest_ray / LONGEST_SAMPLE_STEP).ceil() as usize;
-        BlockRays {
-            // A cast saturates: a camera beyond every block stays there and its requests are refused.
-            anchor: anchor.to_array().map(|c| c as i32),
-            eye: (eye - anchor).as_vec3a(),
-            forward: ray(-self.center.x, -self.center.y, 1.0),
-            right: ray(1.0, 0.0, 0.0),
-            down: ray(0.0, 1.0, 0.0),
-            truncation: config.truncation(),
-            truncation_in_blocks: config.truncation_voxels / BLOCK_EDGE as f32,
-            half_samples,
-            sample_step: config.truncation() / half_samples as f32,
+    }
+    match color {
+        Some(got) if got != expected => Err(FusionError::ColorSize {
+            width,
+            height,
+            expected,
+            got,
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// One frame, as the blocks of a slab take it.
+struct SlabUpdate<'a> {
+    level: Level,
+    frame: &'a FrameDepth,
+    projection: &'a Projection,
+    rule: UpdateRule,
+    colors: Option<ColorView<'a>>,
+}
+
+impl SlabUpdate<'_> {
+    /// Updates the touched blocks and takes their marks off.
+    fn apply(&self, slab: &mut Slab) {
+        let mut conflicts = Conflicts::NONE;
+        let mut left = std::mem::take(&mut slab.touched);
+        while left != 0 {
+            let place = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let mut view = self.projection.block_view(unpack(slab.keys[place]));
+            let Some(bounds) = self.frame.bounds(&view) else {
+                continue;
+            };
+            view.farthest = bounds.farthest + self.rule.truncation;
+            view.nearest = bounds.nearest - self.rule.truncation;
+            view.is_inside = bounds.is_inside;
+            let (before, after) = slab.blocks.split_at_mut(place + 1);
+            let next = left.trailing_zeros() as usize;
+            let color = self.colors.zip(slab.colors.get_mut(place));
+            let is_behind = integrate_block(
+                self.level,
+                &mut before[place],
+                color.map(|(colors, color)| (color, colors)),
+                after.get(next.wrapping_sub(place + 1)),
+                self.frame.view(),
+                &view,
+                &self.rule,
+                &mut conflicts,
+            );
+            slab.behind |= u64::from(is_behind) << place;
         }
     }
 }

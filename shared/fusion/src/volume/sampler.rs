@@ -58,7 +58,7 @@ impl<'a> Sampler<'a> {
         let [x, y, z] = local.map(|c| c as usize & mask);
         let slot = &mut self.slots[(z * CACHE_EDGE + y) * CACHE_EDGE + x];
         if slot.key != key {
-            let index = self.volume.table.get(key);
+            let index = self.volume.store.find(key);
             let block = index.map(|index| self.volume.block(index));
             *slot = Slot { key, block };
         }

@@ -63,7 +63,7 @@ impl BlockTable {
 
     /// Stores `index` under `key`, replacing what was there.
     pub fn insert(&mut self, key: u64, index: u32) {
-        if 2 * (self.block_count + 1) > self.entries.len() {
+        if self.is_full() {
             self.grow();
         }
         if place(&mut self.entries, Entry { key, index }) {
@@ -82,6 +82,20 @@ impl BlockTable {
             probed += 1;
         }
         probed
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        self.entries.len() * size_of::<Entry>()
+    }
+
+    /// Bytes that the next new key needs beyond these: the table grows by copying.
+    pub fn growth_bytes(&self) -> usize {
+        if self.is_full() { 2 * self.bytes() } else { 0 }
+    }
+
+    fn is_full(&self) -> bool {
+        2 * (self.block_count + 1) > self.entries.len()
     }
 
     fn grow(&mut self) {

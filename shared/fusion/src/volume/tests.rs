@@ -1,5 +1,7 @@
 //! Volumes with given values, for the tests of the mesher.
 
+use super::blocks::SLAB_BLOCKS;
+use super::key::pack;
 use super::*;
 
 impl Volume {
@@ -15,12 +17,12 @@ impl Volume {
                 for x in -reach..=reach {
                     let (block, index) = split_voxel([x, y, z]);
                     let key = pack(block).expect("in range");
-                    if volume.table.get(key).is_none() {
-                        volume.push_block(key);
-                    }
-                    let slot = volume.table.get(key).expect("just made") as usize;
-                    let block = &mut volume.slabs[slot / SLAB_BLOCKS][slot % SLAB_BLOCKS];
+                    let place = volume.store.find(key);
+                    let place = place.unwrap_or_else(|| volume.store.push(key)) as usize;
+                    let slab = &mut volume.store.slabs_mut()[place / SLAB_BLOCKS];
+                    let block = &mut slab.blocks[place % SLAB_BLOCKS];
                     (block.tsdf[index], block.weight[index]) = field([x, y, z]);
+                    slab.behind |= u64::from(block.tsdf[index] < 0.0) << (place % SLAB_BLOCKS);
                 }
             }
         }

@@ -255,17 +255,19 @@ fn hc_d10_a_camera_beyond_all_blocks_is_counted_and_harmless() {
 
 #[test]
 fn hc_d17_noise_never_takes_more_than_the_budget() {
-    const LIMIT: usize = 300;
+    /// Bytes.
+    const LIMIT: usize = 4 << 20;
     const FRAMES: usize = 1000;
     let camera = camera(16);
     let mut volume = Volume::new(VolumeConfig {
         voxel_size: 0.01,
-        block_limit: LIMIT,
+        memory_limit_bytes: LIMIT,
         ..VolumeConfig::default()
     })
     .expect("a usable config");
     let mut rng = generator(117);
     let mut naive = HashSet::new();
+    let mut limit_reached = false;
     for _ in 0..FRAMES {
         let depth: Vec<f32> = (0..16 * 12)
             .map(|_| uniform(&mut rng, 0.3, 4.0) as f32)
@@ -280,14 +282,24 @@ fn hc_d17_noise_never_takes_more_than_the_budget() {
             let block = ray.map(|r| (r * depth / (0.01 * BLOCK_EDGE as f32)).floor() as i32);
             naive.insert(block);
         }
-        volume
+        let stats = volume
             .integrate(&depth, &camera, &Pose::IDENTITY)
             .expect("one value per pixel");
-        assert!(volume.block_count() <= LIMIT);
+        assert!(volume.memory_bytes() <= LIMIT);
+        limit_reached |= stats.limit_reached;
     }
-    bites("D17", naive.len() as f64, LIMIT as f64);
-    holds("D17", volume.block_count() as f64, LIMIT as f64);
-    assert!(volume.refused_count() > 0, "refusals are counted");
+    let block_bytes = size_of::<fusion::kernels::integrate::Block>();
+    bites(
+        "D17, bytes",
+        (naive.len() * block_bytes) as f64,
+        LIMIT as f64,
+    );
+    holds("D17, bytes", volume.memory_bytes() as f64, LIMIT as f64);
+    assert!(
+        limit_reached && volume.refused_count() > 0,
+        "refusals are said and counted"
+    );
+    assert!(volume.block_count() > 300, "the budget is used");
     // Still at work: what is there is updated.
     let wall = vec![2.0; 16 * 12];
     let stats = volume

@@ -54,6 +54,7 @@ fn observe(block: &mut Block, tsdf: &[f32], view: &BlockView, rule: &UpdateRule)
         Level::detect(),
         block,
         None,
+        None,
         image,
         view,
         rule,

@@ -10,47 +10,38 @@
 
 use std::arch::x86_64::*;
 
-use super::{Block, BlockView, Conflicts, DepthView, UpdateRule, Z_NEAR};
-use crate::volume::key::{BLOCK_EDGE, BLOCK_VOXELS};
+use super::observations::{Observations, ROWS};
+use super::{Block, BlockView, ColorBlock, ColorView, Conflicts, DepthView, UpdateRule, Z_NEAR};
+use crate::volume::key::BLOCK_EDGE;
 
-const ROWS: usize = BLOCK_EDGE * BLOCK_EDGE;
+mod color;
+
 const CACHE_LINE_VOXELS: usize = 64 / size_of::<f32>();
-
-/// What the image says about a block's voxels.
-struct Observations {
-    tsdf: [f32; BLOCK_VOXELS],
-    weight: [f32; BLOCK_VOXELS],
-    /// Bit r: row r holds an observation.
-    rows: u64,
-}
 
 /// As [`super::scalar::integrate_rows`], bit for bit.
 pub(super) fn integrate_rows(
     block: &mut Block,
+    color: Option<(&mut ColorBlock, ColorView<'_>)>,
     ahead: Option<&Block>,
     image: DepthView<'_>,
     view: &BlockView,
     rule: &UpdateRule,
     conflicts: &mut Conflicts,
-) {
+) -> bool {
     // Anyone can write `Level::Avx2`; asking costs one load.
     if !std::is_x86_feature_detected!("avx2") {
-        return super::scalar::integrate_rows(block, image, view, rule, conflicts);
+        return super::scalar::integrate_rows(block, color, image, view, rule, conflicts);
     }
     // SAFETY: AVX2 was detected above.
     unsafe {
-        let mut observations = Observations {
-            tsdf: [0.0; BLOCK_VOXELS],
-            weight: [0.0; BLOCK_VOXELS],
-            rows: 0,
-        };
         if view.is_inside {
-            observe::<true>(ahead, image, view, rule, &mut observations);
+            observe::<true>(ahead, image, view, rule, &mut conflicts.observations);
         } else {
-            observe::<false>(ahead, image, view, rule, &mut observations);
+            observe::<false>(ahead, image, view, rule, &mut conflicts.observations);
         }
-        average_rows(block, &observations, rule, conflicts);
+        average_rows(block, color, rule, conflicts);
     }
+    conflicts.observations.is_behind
 }
 
 /// Reads the image for every row that can be in the band, and fetches the block `ahead` meanwhile.
@@ -65,6 +56,7 @@ fn observe<const INSIDE: bool>(
 ) {
     let mut start = [[0.0f32; ROWS]; 3];
     let (active, free) = row_starts(view, &mut start);
+    (out.rows, out.projected, out.is_behind) = (0, 0, false);
     let Some(last) = image.depth.len().checked_sub(1) else {
         return;
     };
@@ -101,6 +93,7 @@ fn observe<const INSIDE: bool>(
         out.rows |= u64::from(_mm256_movemask_ps(in_front) != 0) << row;
     }
 
+    let mut behind_lanes = 0;
     let mut left = active & !free;
     while left != 0 {
         let row = left.trailing_zeros() as usize;
@@ -122,7 +115,7 @@ fn observe<const INSIDE: bool>(
         let pixel = _mm256_min_epu32(pixel, last_pixel);
         // SAFETY: an unsigned minimum with the last index, which fits i32 (`super::integrate_block` asserts it)
         // and exists (tested above).
-        let mut depth = unsafe { load_pixels(image.depth, pixel) };
+        let mut depth = unsafe { load_pixels(image.depth, pixel, &mut out.pixel[row]) };
         if !INSIDE {
             let inside_columns = _mm256_and_ps(
                 _mm256_cmp_ps::<_CMP_GE_OQ>(column, zero),
@@ -142,17 +135,23 @@ fn observe<const INSIDE: bool>(
         let observed = _mm256_and_ps(measured, reached);
         let tsdf = _mm256_min_ps(_mm256_mul_ps(distance, per_metre), one);
         let weight = _mm256_mul_ps(_mm256_mul_ps(inverse_z, inverse_z), weight_at_one_metre);
-        store_row(&mut out.tsdf, row, _mm256_and_ps(tsdf, observed));
-        store_row(&mut out.weight, row, _mm256_and_ps(weight, observed));
+        let tsdf = _mm256_and_ps(tsdf, observed);
+        let weight = _mm256_and_ps(weight, observed);
+        store_row(&mut out.tsdf, row, tsdf);
+        store_row(&mut out.weight, row, weight);
         out.rows |= u64::from(_mm256_movemask_ps(observed) != 0) << row;
+        let is_counted = _mm256_cmp_ps::<_CMP_GT_OQ>(weight, zero);
+        behind_lanes |= _mm256_movemask_ps(_mm256_and_ps(tsdf, is_counted));
     }
+    out.projected = active & !free;
+    out.is_behind = behind_lanes != 0;
 }
 
 /// Fuses the observed rows into the block; sign conflicts are held back.
 #[target_feature(enable = "avx2")]
 fn average_rows(
     block: &mut Block,
-    observations: &Observations,
+    mut color: Option<(&mut ColorBlock, ColorView<'_>)>,
     rule: &UpdateRule,
     conflicts: &mut Conflicts,
 ) {
@@ -162,13 +161,14 @@ fn average_rows(
     let cap = _mm256_set1_ps(rule.weight_cap);
     let conflict = _mm256_set1_ps(rule.conflict);
     let weighted_conflict = _mm256_set1_ps(rule.conflict_at_one_metre * rule.weight_at_one_metre);
-    conflicts.set_rows(observations.rows);
-    let mut left = observations.rows;
+    let rows = conflicts.observations.rows;
+    conflicts.set_rows(rows);
+    let mut left = rows;
     while left != 0 {
         let row = left.trailing_zeros() as usize;
         left &= left - 1;
-        let tsdf = load_row(&observations.tsdf, row);
-        let mut weight = load_row(&observations.weight, row);
+        let tsdf = load_row(&conflicts.observations.tsdf, row);
+        let mut weight = load_row(&conflicts.observations.weight, row);
         let stored = load_row(&block.tsdf, row);
         let stored_weight = load_row(&block.weight, row);
         store_row(&mut conflicts.before.tsdf, row, stored);
@@ -191,7 +191,7 @@ fn average_rows(
         );
         let opposed_lanes = _mm256_movemask_ps(opposed);
         if opposed_lanes != 0 {
-            hold_back(row, opposed_lanes, observations, conflicts);
+            hold_back(row, opposed_lanes, conflicts);
             weight = _mm256_blendv_ps(weight, zero, opposed);
         }
         let sum = _mm256_add_ps(stored_weight, weight);
@@ -208,12 +208,28 @@ fn average_rows(
             row,
             _mm256_blendv_ps(stored_weight, _mm256_min_ps(sum, cap), fused),
         );
+        let Some((color, colors)) = &mut color else {
+            continue;
+        };
+        let near = _mm256_cmp_ps::<_CMP_LE_OQ>(
+            _mm256_and_ps(tsdf, magnitude),
+            _mm256_set1_ps(colors.reach),
+        );
+        let near = _mm256_and_ps(fused, near);
+        let observations = &conflicts.observations;
+        if _mm256_movemask_ps(near) != 0 && observations.projected >> row & 1 == 1 {
+            let pixel = &observations.pixel[row];
+            // SAFETY: the pixels of a projected row are indices of the depth image, which has as many
+            // pixels (`super::integrate_block` asserts it).
+            unsafe { color::blend_row(color, row, colors.pixels, pixel, near, weight) };
+        }
     }
 }
 
-fn hold_back(row: usize, mut lanes: i32, observations: &Observations, conflicts: &mut Conflicts) {
+fn hold_back(row: usize, mut lanes: i32, conflicts: &mut Conflicts) {
     while lanes != 0 {
         let index = row * BLOCK_EDGE + lanes.trailing_zeros() as usize;
+        let observations = &conflicts.observations;
         conflicts.push(index, observations.tsdf[index], observations.weight[index]);
         lanes &= lanes - 1;
     }
@@ -287,14 +303,14 @@ fn store_row<const N: usize>(values: &mut [f32; N], row: usize, lanes: __m256) {
     unsafe { _mm256_storeu_ps(values.as_mut_ptr(), lanes) }
 }
 
-/// The depths of eight pixels. Eight scalar loads take less time than the gather instruction on Zen 3.
+/// The depths of eight pixels, whose indices stay in `index`. Eight scalar loads take less time than the
+/// gather instruction on Zen 3.
 ///
 /// # Safety
 /// Every lane of `pixel` must be an index of `depth`.
 #[inline]
 #[target_feature(enable = "avx2")]
-unsafe fn load_pixels(depth: &[f32], pixel: __m256i) -> __m256 {
-    let mut index = [0u32; 8];
+unsafe fn load_pixels(depth: &[f32], pixel: __m256i, index: &mut [u32; BLOCK_EDGE]) -> __m256 {
     // SAFETY: the array is 8 u32 long.
     unsafe { _mm256_storeu_si256(index.as_mut_ptr().cast(), pixel) };
     // SAFETY: the caller's.

@@ -1,5 +1,6 @@
 //! Observations that contradict what is stored: the two sides of a thin thing (hard-cases D07).
 
+use super::observations::Observations;
 use super::{Block, BlockView, UpdateRule, average};
 use crate::volume::key::{BLOCK_EDGE, BLOCK_VOXELS};
 
@@ -20,6 +21,8 @@ pub struct Conflicts {
     rows: u64,
     /// What the rows that changed held before.
     pub(super) before: Block,
+    /// All observations of the block.
+    pub(super) observations: Observations,
 }
 
 impl Conflicts {
@@ -31,6 +34,7 @@ impl Conflicts {
         weight: [0.0; BLOCK_VOXELS],
         rows: 0,
         before: Block::EMPTY,
+        observations: Observations::NONE,
     };
 
     pub(super) fn clear(&mut self) {

@@ -15,11 +15,14 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+mod color;
 mod conflicts;
+mod observations;
 mod scalar;
 #[cfg(test)]
 mod tests;
 
+pub use self::color::{ColorBlock, ColorView, SATURATED};
 pub use self::conflicts::Conflicts;
 use super::Level;
 use crate::volume::key::BLOCK_VOXELS;
@@ -99,24 +102,26 @@ pub struct UpdateRule {
     pub conflict_at_one_metre: f32,
 }
 
-/// Fuses `image` into `block` as `view` and `rule` say; `conflicts` is scratch, and `ahead` the block of the
-/// next call, which is fetched into the cache.
+/// Fuses `image` into `block` as `view` and `rule` say, and the registered `color` image, where there is one,
+/// into the colour of the same voxels; `conflicts` is scratch, and `ahead` the block of the next call, which is
+/// fetched into the cache. Returns whether an observation lies behind the surface.
 ///
 /// The block must hold what earlier calls made of [`Block::EMPTY`]: finite values, weights from 0 to the cap.
 ///
 /// # Panics
-/// When `image.depth` is not `width · height` long, or the image exceeds [`LARGEST_SIDE`] or
-/// [`MOST_PIXELS`].
+/// When `image.depth` is not `width · height` long, the colour image has another size or a reach of 1 or more,
+/// or the image exceeds [`LARGEST_SIDE`] or [`MOST_PIXELS`].
 pub fn integrate_block(
     level: Level,
     block: &mut Block,
+    color: Option<(&mut ColorBlock, ColorView<'_>)>,
     ahead: Option<&Block>,
     image: DepthView<'_>,
     view: &BlockView,
     rule: &UpdateRule,
     conflicts: &mut Conflicts,
-) {
-    // The vector kernel's reads rest on these three lines.
+) -> bool {
+    // The vector kernel's reads rest on these lines.
     assert!(image.width.max(image.height) <= LARGEST_SIDE);
     assert!(image.depth.len() <= MOST_PIXELS);
     assert_eq!(
@@ -124,13 +129,22 @@ pub fn integrate_block(
         image.width * image.height,
         "one depth per pixel"
     );
-    conflicts.clear();
-    match level {
-        #[cfg(target_arch = "x86_64")]
-        Level::Avx2 => avx2::integrate_rows(block, ahead, image, view, rule, conflicts),
-        _ => scalar::integrate_rows(block, image, view, rule, conflicts),
+    if let Some((_, colors)) = &color {
+        assert_eq!(
+            colors.pixels.len(),
+            image.depth.len(),
+            "one colour per depth"
+        );
+        assert!(colors.reach < 1.0, "free space has no colour");
     }
+    conflicts.clear();
+    let is_behind = match level {
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx2 => avx2::integrate_rows(block, color, ahead, image, view, rule, conflicts),
+        _ => scalar::integrate_rows(block, color, image, view, rule, conflicts),
+    };
     conflicts.resolve(block, view, rule);
+    is_behind
 }
 
 /// Homogeneous pixel of voxel (0, y, z).

@@ -1,18 +1,24 @@
 //! The specification of the row update.
 
-use super::{Block, BlockView, Conflicts, DepthView, UpdateRule, Z_NEAR, average, row_start};
+use super::{
+    Block, BlockView, ColorBlock, ColorView, Conflicts, DepthView, UpdateRule, Z_NEAR, average,
+    row_start,
+};
 use crate::volume::key::BLOCK_EDGE;
 
-/// Updates every voxel of `block`; sign conflicts go to `conflicts` instead.
+/// Updates every voxel of `block`, and the colour of those near the observed surface; sign conflicts go to
+/// `conflicts` instead. Returns whether an observation lies behind the surface.
 pub(super) fn integrate_rows(
     block: &mut Block,
+    mut color: Option<(&mut ColorBlock, ColorView<'_>)>,
     image: DepthView<'_>,
     view: &BlockView,
     rule: &UpdateRule,
     conflicts: &mut Conflicts,
-) {
+) -> bool {
     conflicts.before.clone_from(block);
     conflicts.set_rows(u64::MAX);
+    let mut is_behind = false;
     let per_metre = 1.0 / rule.truncation;
     let weighted_conflict = rule.conflict_at_one_metre * rule.weight_at_one_metre;
     for row in 0..BLOCK_EDGE * BLOCK_EDGE {
@@ -29,8 +35,8 @@ pub(super) fn integrate_rows(
                 continue;
             }
             let inverse_z = 1.0 / z;
-            let tsdf = if is_free {
-                1.0
+            let (tsdf, pixel) = if is_free {
+                (1.0, 0)
             } else {
                 // Adding ½ and truncating is rounding to the nearest pixel, once negatives are out.
                 let (column, line) = (u * inverse_z + 0.5, v * inverse_z + 0.5);
@@ -41,18 +47,20 @@ pub(super) fn integrate_rows(
                 if !is_inside {
                     continue;
                 }
-                let depth = image.depth[line as usize * image.width + column as usize];
+                let pixel = line as usize * image.width + column as usize;
+                let depth = image.depth[pixel];
                 let distance = depth - z;
                 if !(depth > 0.0 && distance >= -rule.truncation) {
                     continue;
                 }
-                (distance * per_metre).min(1.0)
+                ((distance * per_metre).min(1.0), pixel)
             };
             let weight = inverse_z * inverse_z * rule.weight_at_one_metre;
             // Underflows far away; a first average would be 0/0.
             if weight <= 0.0 {
                 continue;
             }
+            is_behind |= tsdf.is_sign_negative();
             let index = row * BLOCK_EDGE + x;
             let (stored, stored_weight) = (block.tsdf[index], block.weight[index]);
             let difference = (tsdf - stored).abs();
@@ -66,7 +74,13 @@ pub(super) fn integrate_rows(
             } else {
                 (block.tsdf[index], block.weight[index]) =
                     average(stored, stored_weight, tsdf, weight, rule.weight_cap);
+                if let Some((color, colors)) = &mut color
+                    && tsdf.abs() <= colors.reach
+                {
+                    color.blend(index, colors.pixels[pixel], weight);
+                }
             }
         }
     }
+    is_behind
 }

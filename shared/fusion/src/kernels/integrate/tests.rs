@@ -71,6 +71,7 @@ fn fuse(
     integrate_block(
         level,
         block,
+        None,
         Some(&ahead),
         image,
         view,
