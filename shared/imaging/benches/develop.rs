@@ -1,0 +1,82 @@
+//! `develop/<layout>`: a VGA frame into fixed-point radiance and grey, the vector level against its scalar twin,
+//! taking turns, one thread; `cargo bench -p imaging` prints core-milliseconds a frame.
+
+use imaging::{
+    ColorLayout, Corrector, Developer, Level, LinearPixel, Response, Vignetting, YuvCoding,
+};
+use rustix::time::{ClockId, clock_gettime};
+
+const WIDTH: u32 = 640;
+const HEIGHT: u32 = 480;
+const ROUNDS: usize = 15;
+const FRAMES: usize = 10;
+
+fn main() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    pool.expect("a pool of one thread").install(|| {
+        for (name, layout, chroma_subsampled) in [
+            ("rgb8", ColorLayout::Rgb8, false),
+            ("rgb8 of a JPEG", ColorLayout::Rgb8, true),
+            ("bayer-grbg", ColorLayout::BayerGrbg, false),
+            ("yuyv", ColorLayout::Yuyv(YuvCoding::default()), false),
+        ] {
+            develop(name, layout, chroma_subsampled);
+        }
+    });
+}
+
+fn develop(name: &str, layout: ColorLayout, chroma_subsampled: bool) {
+    let center = geometry::DVec2::new(319.5, 239.5);
+    let lens = Vignetting::even_polynomial(center, 400.0, [-0.3, 0.05, 0.0])
+        .expect("a lens with fall-off");
+    let response = Response::gamma(2.2).expect("a usable gamma");
+    let corrector = Corrector::new(&response, &lens, WIDTH, HEIGHT, 1.0);
+    // Waves with a clipped part, about 2 % of the frame.
+    let frame: Vec<u8> = (0..layout.frame_bytes(WIDTH, HEIGHT))
+        .map(|at| {
+            let wave = (at % 1543) as f64 / 245.0;
+            let code = 128.0 + 90.0 * wave.sin() + (at % 7) as f64;
+            if at % 50_000 < 1000 { 255 } else { code as u8 }
+        })
+        .collect();
+    let mut pixels = vec![LinearPixel::INVALID; (WIDTH * HEIGHT) as usize];
+    let mut grey = vec![0.0; (WIDTH / 2 * (HEIGHT / 2)) as usize];
+    let mut millis = [Vec::new(), Vec::new()];
+    let levels = [Level::Scalar, Level::detect()];
+    let mut developers = levels.map(|level| {
+        Developer::with_level(&corrector, layout, level).expect("the layout fits the size")
+    });
+    for round in 0..=ROUNDS {
+        for (developer, millis) in developers.iter_mut().zip(&mut millis) {
+            let start = process_millis();
+            for _ in 0..FRAMES {
+                developer
+                    .develop(&frame, chroma_subsampled, &mut pixels, &mut grey)
+                    .expect("buffers of the frame's size");
+            }
+            // The first round warms the caches.
+            if round > 0 {
+                millis.push((process_millis() - start) / FRAMES as f64);
+            }
+        }
+    }
+    let [scalar, vector] = millis.map(|mut millis| {
+        millis.sort_by(f64::total_cmp);
+        (millis[ROUNDS / 2], millis[0])
+    });
+    println!(
+        "develop/{name}: scalar {:.2} ({:.2}) core-ms a frame, {:?} {:.2} ({:.2}), ratio {:.2}; median (min)",
+        scalar.0,
+        scalar.1,
+        levels[1],
+        vector.0,
+        vector.1,
+        scalar.0 / vector.0
+    );
+}
+
+/// CPU time of this process.
+fn process_millis() -> f64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6
+}
