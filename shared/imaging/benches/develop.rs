@@ -31,14 +31,7 @@ fn develop(name: &str, layout: ColorLayout, chroma_subsampled: bool) {
         .expect("a lens with fall-off");
     let response = Response::gamma(2.2).expect("a usable gamma");
     let corrector = Corrector::new(&response, &lens, WIDTH, HEIGHT, 1.0);
-    // Waves with a clipped part, about 2 % of the frame.
-    let frame: Vec<u8> = (0..layout.frame_bytes(WIDTH, HEIGHT))
-        .map(|at| {
-            let wave = (at % 1543) as f64 / 245.0;
-            let code = 128.0 + 90.0 * wave.sin() + (at % 7) as f64;
-            if at % 50_000 < 1000 { 255 } else { code as u8 }
-        })
-        .collect();
+    let frame = frame_of(layout);
     let mut pixels = vec![LinearPixel::INVALID; (WIDTH * HEIGHT) as usize];
     let mut grey = vec![0.0; (WIDTH / 2 * (HEIGHT / 2)) as usize];
     let mut millis = [Vec::new(), Vec::new()];
@@ -73,6 +66,23 @@ fn develop(name: &str, layout: ColorLayout, chroma_subsampled: bool) {
         vector.1,
         scalar.0 / vector.0
     );
+}
+
+/// Waves of brightness with little colour, and a clipped part of 2 %.
+fn frame_of(layout: ColorLayout) -> Vec<u8> {
+    (0..layout.frame_bytes(WIDTH, HEIGHT))
+        .map(|at| {
+            let is_chroma = matches!(layout, ColorLayout::Yuyv(_)) && at % 2 == 1;
+            let wave = (at % 1543) as f64 / 245.0;
+            let height = if is_chroma { 10.0 } else { 85.0 };
+            let code = 128.0 + height * wave.sin() + (at % 7) as f64;
+            if !is_chroma && at % 50_000 < 1000 {
+                255
+            } else {
+                code as u8
+            }
+        })
+        .collect()
 }
 
 /// CPU time of this process.

@@ -133,13 +133,17 @@ impl MosaicRows {
             (blue, green)
         };
         let row = &mut self.raw[slot];
-        for ((value, &code), &factor) in row[RAW_PAD..].iter_mut().zip(codes).zip(factors) {
-            *value = even[usize::from(code)] * factor;
+        let (pairs, last) = row[RAW_PAD..RAW_PAD + width].as_chunks_mut::<2>();
+        let (code_pairs, last_code) = codes.as_chunks::<2>();
+        let (factor_pairs, last_factor) = factors.as_chunks::<2>();
+        for ((pair, codes), factors) in pairs.iter_mut().zip(code_pairs).zip(factor_pairs) {
+            *pair = [
+                even[usize::from(codes[0])] * factors[0],
+                odd[usize::from(codes[1])] * factors[1],
+            ];
         }
-        let odd_columns = row[RAW_PAD..RAW_PAD + width].iter_mut().skip(1).step_by(2);
-        let odd_samples = codes.iter().zip(factors).skip(1).step_by(2);
-        for (value, (&code, &factor)) in odd_columns.zip(odd_samples) {
-            *value = odd[usize::from(code)] * factor;
+        for ((value, &code), &factor) in last.iter_mut().zip(last_code).zip(last_factor) {
+            *value = even[usize::from(code)] * factor;
         }
         for step in 1..=RAW_PAD {
             row[RAW_PAD - step] = row[RAW_PAD + mirrored(0, -(step as isize), width)];

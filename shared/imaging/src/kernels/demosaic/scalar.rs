@@ -14,6 +14,8 @@ pub(super) fn green_row(
     let width = green.len();
     let [far_up, up, row, down, far_down] = raw.map(|row| &row[..width + 4]);
     let difference = &mut difference[1..=width];
+    let green = &mut green[..width];
+    let parity = (parity & 1) as u32;
     for x in 0..width {
         let center = row[x + 2];
         let (left, right) = (row[x + 1], row[x + 3]);
@@ -31,7 +33,7 @@ pub(super) fn green_row(
             along_v
         };
         let guess = if change_h == change_v { mean } else { flatter };
-        let is_site = (x ^ parity) & 1 == 0;
+        let is_site = (x as u32 & 1) == parity;
         green[x] = if is_site { guess } else { center };
         difference[x] = if is_site { center - guess } else { 0.0 };
     }
@@ -68,8 +70,7 @@ pub(super) fn pack_row(rgb: [&[f32]; 3], flags: &[u8], pixels: &mut [LinearPixel
     let flags = &flags[..width];
     let code = |radiance: f32| {
         let value = radiance * f32::from(RADIANCE_ONE) + 0.5;
-        // Clamped first, so the cast has nothing to saturate.
-        value.clamp(0.0, 65_535.0) as i32 as u16
+        value.clamp(0.0, 65_535.0) as u16
     };
     for x in 0..width {
         let kept = if flags[x] == 0 { 0 } else { u16::MAX };
