@@ -39,6 +39,9 @@ pub enum ImagingError {
         /// Height in pixels.
         height: u32,
     },
+    /// A depth camera with distortion where one without is needed.
+    #[error("the depth camera has distortion; registration needs depth that was undistorted")]
+    DistortedDepth,
     /// Two images that belong together differ in size.
     #[error("images of one size are needed, got {width}x{height} and {other_width}x{other_height}")]
     SizeMismatch {

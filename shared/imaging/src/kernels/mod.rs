@@ -2,6 +2,7 @@
 
 pub(crate) mod demosaic;
 pub(crate) mod develop;
+pub(crate) mod register;
 
 /// Which instructions a kernel uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
