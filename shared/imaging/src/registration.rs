@@ -166,7 +166,7 @@ impl Projecting {
                 cells.clear();
                 for (v, depth) in (start..).zip(depth.chunks_exact(width)) {
                     project_row(level, projection, v, depth, row);
-                    cells.enter(row);
+                    cells.enter(level, row);
                 }
             };
         rayon::join(

@@ -132,16 +132,11 @@ impl NearestCells {
     }
 
     /// Enters a projected row.
-    pub(crate) fn enter(&mut self, row: &ProjectedRow) {
-        let points = row.x.iter().zip(&row.y).zip(&row.inverse_depth);
-        for ((&x, &y), &inverse_depth) in points {
-            let index = self.index(x, y);
-            // What is not seen has 0 and never is the nearest.
-            if let Some(nearest) = self.inverse_depth.get_mut(index)
-                && inverse_depth > *nearest
-            {
-                *nearest = inverse_depth;
-            }
+    pub(crate) fn enter(&mut self, level: Level, row: &ProjectedRow) {
+        match level {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => avx2::enter_row(self, row),
+            _ => scalar::enter_row(self, row),
         }
     }
 

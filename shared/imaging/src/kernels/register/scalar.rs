@@ -1,6 +1,6 @@
 //! The specification.
 
-use super::{ProjectedRow, Projection, Seen};
+use super::{NearestCells, ProjectedRow, Projection, Seen};
 use crate::linear_pixel::LinearPixel;
 
 /// Nearest z that counts as in front of a camera, metres (hard-cases A12).
@@ -83,15 +83,40 @@ fn project<const DISTORTED: bool>(
     }
 }
 
+/// See [`NearestCells::enter`].
+pub(super) fn enter_row(cells: &mut NearestCells, row: &ProjectedRow) {
+    let points = row.x.iter().zip(&row.y).zip(&row.inverse_depth);
+    for ((&x, &y), &inverse_depth) in points {
+        enter(cells, x, y, inverse_depth);
+    }
+}
+
+/// Enters a point.
+#[inline(always)]
+pub(super) fn enter(cells: &mut NearestCells, x: f32, y: f32, inverse_depth: f32) {
+    let index = cells.index(x, y);
+    // What is not seen has 0 and never is the nearest.
+    if let Some(nearest) = cells.inverse_depth.get_mut(index)
+        && inverse_depth > *nearest
+    {
+        *nearest = inverse_depth;
+    }
+}
+
 /// See [`super::sample_row`].
 pub(super) fn sample_row(seen: &Seen, row: &ProjectedRow, pixels: &mut [LinearPixel]) {
     let points = row.x.iter().zip(&row.y).zip(&row.inverse_depth);
     for (pixel, ((&x, &y), &inverse_depth)) in pixels.iter_mut().zip(points) {
-        *pixel = if inverse_depth == 0.0 || seen.is_hidden(x, y, inverse_depth) {
-            LinearPixel::INVALID
-        } else {
-            sample(seen, x, y)
-        };
+        *pixel = seen_sample(seen, x, y, inverse_depth);
+    }
+}
+
+/// The colour of a point, invalid where it is not seen or hidden.
+pub(super) fn seen_sample(seen: &Seen, x: f32, y: f32, inverse_depth: f32) -> LinearPixel {
+    if inverse_depth == 0.0 || seen.is_hidden(x, y, inverse_depth) {
+        LinearPixel::INVALID
+    } else {
+        sample(seen, x, y)
     }
 }
 
@@ -146,17 +171,17 @@ pub(super) fn sample(seen: &Seen, x: f32, y: f32) -> LinearPixel {
 }
 
 /// The upper left one of four pixels about a position, and what share the columns and rows have.
-pub(super) struct Corner {
-    pub(super) x: i32,
-    pub(super) y: i32,
-    pub(super) x_shares: [f32; 2],
-    pub(super) y_shares: [f32; 2],
+struct Corner {
+    x: i32,
+    y: i32,
+    x_shares: [f32; 2],
+    y_shares: [f32; 2],
 }
 
 impl Corner {
     /// Of coordinates of at least −0.5.
     #[inline(always)]
-    pub(super) fn of(x: f32, y: f32) -> Self {
+    fn of(x: f32, y: f32) -> Self {
         // Truncation rounds down what is positive.
         let at = |value: f32| {
             let corner = (value + 1.0) as i32 - 1;

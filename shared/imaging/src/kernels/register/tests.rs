@@ -102,7 +102,7 @@ fn vector_rows_equal_their_scalar_twins() {
                 let mut cells = NearestCells::new(64, 48, 2);
                 for (v, (row, projected)) in rows.iter().zip(&mut projected).enumerate() {
                     project_row(level, &projection, 6 * v, row, projected);
-                    cells.enter(projected);
+                    cells.enter(level, projected);
                 }
                 let seen = Seen {
                     color: &color,
