@@ -17,6 +17,31 @@ pub enum ImagingError {
         /// Length of the buffer.
         got: u64,
     },
+    /// A raw frame of another length than its layout has.
+    #[error("a raw colour frame of {width}x{height} pixels has {expected} bytes, got {got}")]
+    FrameBytes {
+        /// Width in pixels.
+        width: u32,
+        /// Height in pixels.
+        height: u32,
+        /// What the layout needs.
+        expected: u64,
+        /// Length of the frame.
+        got: u64,
+    },
+    /// A size that no frame of its layout has.
+    #[error(
+        "a frame of {width}x{height} pixels cannot be developed; YUV 4:2:2 needs an even width"
+    )]
+    FrameSize {
+        /// Width in pixels.
+        width: u32,
+        /// Height in pixels.
+        height: u32,
+    },
+    /// A depth camera with distortion where one without is needed.
+    #[error("the depth camera has distortion; registration needs depth that was undistorted")]
+    DistortedDepth,
     /// Two images that belong together differ in size.
     #[error("images of one size are needed, got {width}x{height} and {other_width}x{other_height}")]
     SizeMismatch {

@@ -26,20 +26,24 @@
 //! depend on the number of threads.
 
 pub mod depth;
+pub mod develop;
 pub mod error;
 pub mod exr_files;
 pub mod files;
 pub mod image;
+pub mod kernels;
 pub mod linear_pixel;
 pub mod measures;
 pub mod pyramid;
 pub mod radiance;
+pub mod registration;
 pub mod response;
 pub mod srgb;
 pub mod vignetting;
 pub mod whole_file;
 
 pub use crate::depth::{DepthCounts, NO_DEPTH, is_measured, metres_from_float, metres_from_raw};
+pub use crate::develop::{ChromaSiting, ColorLayout, Developer, YuvCoding, YuvMatrix, YuvRange};
 pub use crate::error::ImagingError;
 pub use crate::exr_files::{
     ConfidenceMap, PanoramaAttributes, read_channel_exr, read_confidence_exr, read_rgb_exr,
@@ -51,9 +55,11 @@ pub use crate::files::{
     jpeg_is_subsampled,
 };
 pub use crate::image::{DepthImage, Image, LinearImage, Mask, Rgb8Image};
+pub use crate::kernels::Level;
 pub use crate::linear_pixel::{LinearPixel, RADIANCE_ONE};
 pub use crate::pyramid::{DepthTolerance, depth_pyramid, half_color, half_depth};
 pub use crate::radiance::{Corrector, Radiance, dilated};
+pub use crate::registration::Registration;
 pub use crate::response::{CodeFlag, Response, ResponseRepair};
 pub use crate::srgb::Srgb8;
 pub use crate::vignetting::Vignetting;

@@ -86,6 +86,16 @@ impl Corrector {
         &self.attenuation
     }
 
+    /// Radiance of each code of red, green, blue at factor 1, relative exposure divided out.
+    pub(crate) fn linear_of_code(&self) -> &[[f32; 256]; 3] {
+        &self.linear_of_code
+    }
+
+    /// 1 / vignetting of each pixel; 0 = invalid.
+    pub(crate) fn reciprocal(&self) -> &Image<f32> {
+        &self.reciprocal
+    }
+
     /// Codes to linear radiance.
     ///
     /// Saturation is marked on the raw codes before any arithmetic; with `chroma_subsampled` (4:2:0, 4:2:2)

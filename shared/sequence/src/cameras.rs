@@ -3,7 +3,9 @@
 use std::ops::RangeInclusive;
 
 use geometry::{DVec2, Intrinsics, Pose};
-use imaging::{ImagingError, Response, Vignetting};
+use imaging::{
+    ChromaSiting, ColorLayout, ImagingError, Response, Vignetting, YuvCoding, YuvMatrix, YuvRange,
+};
 use serde::{Deserialize, Serialize};
 
 use crate::codecs::ColorFormat;
@@ -224,6 +226,37 @@ pub struct YuvMeaning {
     pub siting: String,
 }
 
+impl YuvMeaning {
+    /// The choices behind the words.
+    ///
+    /// # Errors
+    /// [`SequenceError::YuvWord`] for a word of a later version.
+    pub fn coding(&self) -> Result<YuvCoding, SequenceError> {
+        let unknown = |key, word: &str, expected| SequenceError::YuvWord {
+            key,
+            word: word.to_owned(),
+            expected,
+        };
+        Ok(YuvCoding {
+            matrix: match self.matrix.as_str() {
+                "bt601" => YuvMatrix::Bt601,
+                "bt709" => YuvMatrix::Bt709,
+                word => return Err(unknown("the matrix", word, "bt601 and bt709")),
+            },
+            range: match self.range.as_str() {
+                "limited" => YuvRange::Limited,
+                "full" => YuvRange::Full,
+                word => return Err(unknown("the range", word, "limited and full")),
+            },
+            siting: match self.siting.as_str() {
+                "left" => ChromaSiting::Left,
+                "center" => ChromaSiting::Center,
+                word => return Err(unknown("the siting", word, "left and center")),
+            },
+        })
+    }
+}
+
 /// From codes to linear radiance, as it is written in rig files and recordings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "kebab-case", deny_unknown_fields)]
@@ -351,6 +384,24 @@ impl ColorCamera {
             vignetting_curve,
             response,
             vignetting,
+        })
+    }
+
+    /// Layout of the raw frames, and of a decoded JPEG. YUV of which nothing is said is Rec. 601 of limited range
+    /// with chroma at the left pixel, as webcams and the PrimeSense firmware send it.
+    ///
+    /// # Errors
+    /// [`SequenceError::YuvWord`] for YUV that this version cannot develop.
+    pub fn layout(&self) -> Result<ColorLayout, SequenceError> {
+        let coding = || match &self.yuv {
+            Some(meaning) => meaning.coding(),
+            None => Ok(YuvCoding::default()),
+        };
+        Ok(match self.encoding {
+            ColorEncoding::Jpeg | ColorEncoding::Rgb8 => ColorLayout::Rgb8,
+            ColorEncoding::BayerGrbg => ColorLayout::BayerGrbg,
+            ColorEncoding::Uyvy => ColorLayout::Uyvy(coding()?),
+            ColorEncoding::Yuyv => ColorLayout::Yuyv(coding()?),
         })
     }
 

@@ -80,13 +80,15 @@ pub enum SequenceError {
     /// Samples or payloads that a codec refuses.
     #[error("{0}")]
     Codec(#[from] CodecError),
-    /// A colour stream that must be developed first.
-    #[error(
-        "the colour of this recording is {encoding}; only jpeg and rgb8 can be shown or trained on, the others exported as they are"
-    )]
-    Undeveloped {
-        /// Name of the encoding.
-        encoding: &'static str,
+    /// A word about YUV that this version does not know.
+    #[error("{key} of YUV is {word:?}; this version knows {expected}")]
+    YuvWord {
+        /// What the word is about.
+        key: &'static str,
+        /// The word in the file.
+        word: String,
+        /// The words known.
+        expected: &'static str,
     },
     /// A recording without a frame.
     #[error("there is no frame in this recording")]

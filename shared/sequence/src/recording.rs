@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use geometry::Pose;
-use imaging::{Image, Rgb8Image, decode_jpeg, jpeg_is_subsampled};
+use imaging::{Image, Rgb8Image, decode_jpeg, develop, jpeg_is_subsampled};
 use zerocopy::FromBytes as _;
 
 use crate::cameras::{ColorCamera, ColorEncoding, DepthCamera};
@@ -210,35 +210,33 @@ impl Recording {
         self.decode(|decoders| decoders.depth(payload, stream, tables))
     }
 
-    /// Colour codes of pair `index`, red, green, blue.
+    /// Colour codes of pair `index`, red, green, blue: those of the payload, or of a mosaic and of YUV what
+    /// [`develop::codes`] makes of it.
     pub fn color(&self, index: usize) -> Result<Rgb8Image, SequenceError> {
-        let camera = self.color_camera();
-        let decode = |bytes: &[u8]| match camera.encoding {
-            ColorEncoding::Jpeg => {
-                let codes = decode_jpeg(bytes)?;
-                require_size(
-                    &codes,
-                    camera.intrinsics.width(),
-                    camera.intrinsics.height(),
-                )?;
-                Ok(codes)
-            }
-            ColorEncoding::Rgb8 => {
-                let (width, height) = (camera.intrinsics.width(), camera.intrinsics.height());
-                let samples = self.decode(|decoders| decoders.color(bytes))?;
-                let pixels = samples.as_chunks().0.to_vec();
-                Ok(Rgb8Image::from_vec(width, height, pixels)?)
-            }
-            ColorEncoding::BayerGrbg | ColorEncoding::Uyvy | ColorEncoding::Yuyv => {
-                Err(SequenceError::Undeveloped {
-                    encoding: camera.encoding.name(),
-                })
-            }
-        };
         let place = self.color_place(index)?;
-        self.frame(place)
-            .and_then(|(_, payload)| decode(payload))
+        self.color_codes(place)
             .map_err(|error| self.blame(error, "color", index))
+    }
+
+    /// The same of one frame of the stream.
+    pub fn color_codes(&self, place: &RecordPlace) -> Result<Rgb8Image, SequenceError> {
+        let camera = self.color_camera();
+        let (width, height) = (camera.intrinsics.width(), camera.intrinsics.height());
+        let (_, payload) = self.frame(place)?;
+        if camera.encoding == ColorEncoding::Jpeg {
+            let codes = decode_jpeg(payload)?;
+            require_size(&codes, width, height)?;
+            return Ok(codes);
+        }
+        let frame = self.decode(|decoders| decoders.color(payload))?;
+        let layout = camera.layout()?;
+        Ok(develop::codes(
+            &camera.response(),
+            layout,
+            &frame,
+            width,
+            height,
+        )?)
     }
 
     /// The colour of pair `index` as the camera sent it: the raw frame in its format, or a JPEG.

@@ -41,11 +41,21 @@ pub(crate) struct FrameFiles<'a> {
     pub(crate) recording: &'a Recording,
     /// Millimetres of each shift, where the samples are shifts.
     table_mm: Option<&'a [u16]>,
+    color_form: ColorForm,
+}
+
+/// How colour is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ColorForm {
+    /// As the camera sent it.
+    AsSent,
+    /// As red, green, blue, for layouts that hold nothing else.
+    Developed,
 }
 
 impl<'a> FrameFiles<'a> {
     /// Refuses shifts without a table: no other program could read them.
-    pub(crate) fn new(recording: &'a Recording) -> anyhow::Result<Self> {
+    pub(crate) fn new(recording: &'a Recording, color_form: ColorForm) -> anyhow::Result<Self> {
         let camera = recording.depth_camera();
         let table = camera
             .shift
@@ -62,6 +72,7 @@ impl<'a> FrameFiles<'a> {
         Ok(Self {
             recording,
             table_mm,
+            color_form,
         })
     }
 
@@ -77,6 +88,10 @@ impl<'a> FrameFiles<'a> {
             streams.depth.depth_scale = 1e-3;
             streams.depth.samples = DepthSamples::Values;
         }
+        if self.is_color_converted() {
+            streams.color.encoding = ColorEncoding::Rgb8;
+            streams.color.yuv = None;
+        }
         streams
     }
 
@@ -91,16 +106,22 @@ impl<'a> FrameFiles<'a> {
     /// Ending of a file's name.
     pub(crate) fn extension(&self, kind: StreamKind) -> &'static str {
         match (kind, self.recording.color_camera().encoding) {
+            _ if self.is_color_converted() => "png",
             (StreamKind::Depth, _) | (_, ColorEncoding::Rgb8 | ColorEncoding::BayerGrbg) => "png",
             (_, ColorEncoding::Jpeg) => "jpg",
             (_, ColorEncoding::Uyvy | ColorEncoding::Yuyv) => "yuv",
         }
     }
 
-    /// Whether other programs, and an import, can read the colour.
-    pub(crate) fn is_color_developed(&self) -> bool {
-        let encoding = self.recording.color_camera().encoding;
-        matches!(encoding, ColorEncoding::Jpeg | ColorEncoding::Rgb8)
+    /// Encoding of the colour in the recording.
+    pub(crate) fn encoding(&self) -> ColorEncoding {
+        self.recording.color_camera().encoding
+    }
+
+    /// Whether colour was developed from what the camera sent.
+    pub(crate) fn is_color_converted(&self) -> bool {
+        let is_raw = !matches!(self.encoding(), ColorEncoding::Jpeg | ColorEncoding::Rgb8);
+        is_raw && self.color_form == ColorForm::Developed
     }
 
     /// The file of a frame.
@@ -127,6 +148,9 @@ impl<'a> FrameFiles<'a> {
     }
 
     fn color(&self, place: &RecordPlace) -> Result<Vec<u8>, SequenceError> {
+        if self.is_color_converted() {
+            return Ok(encode_png_rgb8(&self.recording.color_codes(place)?)?);
+        }
         let frame = self.recording.color_frame(place)?;
         let camera = self.recording.color_camera();
         let (width, height) = (camera.intrinsics.width(), camera.intrinsics.height());

@@ -27,7 +27,7 @@ use crate::run_folder::{RunFolder, write_atomically};
 use crate::stages::poses::{PosedFrame, tum_text};
 use crate::train::{LINEAR_DIFFUSE_FILE, SRM_FILE};
 
-use files::{FrameFiles, damages};
+use files::{ColorForm, FrameFiles, damages};
 use poses::ExportPoses;
 use target_folder::TargetFolder;
 
@@ -123,7 +123,11 @@ fn export_recording(options: &ExportOptions, progress: OnProgress) -> anyhow::Re
         _ => {}
     }
     let poses = ExportPoses::choose(&recording, options.poses.as_deref())?;
-    let files = FrameFiles::new(&recording)?;
+    let color_form = match options.target {
+        ExportTarget::Tum | ExportTarget::SevenScenes => ColorForm::Developed,
+        _ => ColorForm::AsSent,
+    };
+    let files = FrameFiles::new(&recording, color_form)?;
     let part = TargetFolder::begin(&options.output)?;
     let written = match options.target {
         ExportTarget::Tum => tum::write(&files, &poses, &part, progress)?,

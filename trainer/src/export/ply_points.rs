@@ -3,11 +3,11 @@
 use anyhow::{Context as _, bail, ensure};
 use geometry::{DVec2, Pose};
 use imaging::{DepthImage, Rgb8Image, is_measured, metres_from_raw};
-use sequence::{ColorEncoding, Recording};
+use sequence::Recording;
 
 use crate::run_folder::write_atomically;
 
-use super::files::FrameFiles;
+use super::files::{ColorForm, FrameFiles};
 use super::poses::ExportPoses;
 use super::{ExportOptions, ExportReport, counted};
 
@@ -27,18 +27,14 @@ pub(crate) fn export(
         pair_count - 1
     );
     let poses = ExportPoses::choose(recording, options.poses.as_deref())?;
-    let files = FrameFiles::new(recording)?;
+    let files = FrameFiles::new(recording, ColorForm::AsSent)?;
     let camera = files.streams().depth;
     let codes = files.depth(recording.depth_place(index)?);
     let codes = codes.with_context(|| format!("depth of pair {index} of {path}"))?;
     let depth = metres_from_raw(&codes, camera.depth_scale, camera.depth_range.clone()).0;
-    let color = match recording.color_camera().encoding {
-        ColorEncoding::Jpeg | ColorEncoding::Rgb8 => Some(recording.color(index)?),
-        // Not developed: points without colour are better than none.
-        ColorEncoding::BayerGrbg | ColorEncoding::Uyvy | ColorEncoding::Yuyv => None,
-    };
+    let color = recording.color(index)?;
     let world_from_depth = poses.of_pair(index);
-    let cloud = points(recording, &depth, color.as_ref(), world_from_depth);
+    let cloud = points(recording, &depth, &color, world_from_depth);
     if cloud.is_empty() {
         bail!("pair {index} of {path} has no depth that can be drawn; choose another with --frame");
     }
@@ -46,7 +42,7 @@ pub(crate) fn export(
         Some(_) => "world axes",
         None => "axes of the depth camera (the pair has no pose): x right, y down, z forward",
     };
-    let bytes = ply_bytes(&cloud, color.is_some(), index, axes);
+    let bytes = ply_bytes(&cloud, index, axes);
     write_atomically(&options.output, &bytes)?;
     Ok(ExportReport {
         text: format!(
@@ -67,7 +63,7 @@ struct Point {
 fn points(
     recording: &Recording,
     depth: &DepthImage,
-    color: Option<&Rgb8Image>,
+    color: &Rgb8Image,
     world_from_depth: Option<Pose>,
 ) -> Vec<Point> {
     let depth_camera = &recording.depth_camera().intrinsics;
@@ -86,29 +82,23 @@ fn points(
                 continue;
             };
             let in_depth = ray * f64::from(z);
-            let color = match color {
-                None => [0; 3],
-                Some(color) => {
-                    let seen = color_camera
-                        .pixel_from_camera(color_from_depth.transform_point(in_depth))
-                        .and_then(|pixel| color_camera.contains(pixel));
-                    let Some((u, v)) = seen else { continue };
-                    color.at(u, v)
-                }
-            };
+            let seen = color_camera
+                .pixel_from_camera(color_from_depth.transform_point(in_depth))
+                .and_then(|pixel| color_camera.contains(pixel));
+            let Some((u, v)) = seen else { continue };
             points.push(Point {
                 position: world_from_depth
                     .transform_point(in_depth)
                     .as_vec3()
                     .to_array(),
-                color,
+                color: color.at(u, v),
             });
         }
     }
     points
 }
 
-fn ply_bytes(points: &[Point], has_color: bool, index: usize, axes: &str) -> Vec<u8> {
+fn ply_bytes(points: &[Point], index: usize, axes: &str) -> Vec<u8> {
     let mut header = format!(
         "ply\nformat binary_little_endian 1.0\ncomment pair {index}; metres; {axes}\nelement vertex {}\n",
         points.len()
@@ -116,10 +106,8 @@ fn ply_bytes(points: &[Point], has_color: bool, index: usize, axes: &str) -> Vec
     for name in ["x", "y", "z"] {
         header.push_str(&format!("property float {name}\n"));
     }
-    if has_color {
-        for name in ["red", "green", "blue"] {
-            header.push_str(&format!("property uchar {name}\n"));
-        }
+    for name in ["red", "green", "blue"] {
+        header.push_str(&format!("property uchar {name}\n"));
     }
     header.push_str("end_header\n");
     let mut bytes = header.into_bytes();
@@ -127,9 +115,7 @@ fn ply_bytes(points: &[Point], has_color: bool, index: usize, axes: &str) -> Vec
         for value in point.position {
             bytes.extend_from_slice(&value.to_le_bytes());
         }
-        if has_color {
-            bytes.extend_from_slice(&point.color);
-        }
+        bytes.extend_from_slice(&point.color);
     }
     bytes
 }

@@ -1,6 +1,6 @@
 //! README.txt of an export: units, axes, times, and what is not carried over.
 
-use sequence::StreamTiming;
+use sequence::{ColorEncoding, StreamTiming};
 
 use crate::import::rig::PoseCamera;
 
@@ -110,11 +110,21 @@ impl Readme {
 
     fn color(&mut self, files: &FrameFiles) {
         let line = match files.extension(StreamKind::Color) {
+            _ if files.is_color_converted() => match files.encoding() {
+                ColorEncoding::BayerGrbg => {
+                    "colour: PNG of 8 bits, developed: the recording's Bayer mosaic interpolated in linear radiance and encoded by the camera's own response again; of each pixel one channel is the sensor's sample, two are interpolated; saturation spreads by 2 pixels (`--to folder` writes the mosaic as it is)"
+                }
+                _ => {
+                    "colour: PNG of 8 bits, developed: red, green, blue of the recording's YUV 4:2:2, chroma interpolated, clamped to 0 to 255 (`--to folder` writes the samples as they are)"
+                }
+            },
             "jpg" => "colour: JPEG, the bytes of the recording",
             "yuv" => {
                 "colour: raw YUV 4:2:2 as the device sent it, rows without padding; size and order are in frames.json"
             }
-            _ if files.is_color_developed() => "colour: PNG, the samples of the recording",
+            _ if files.encoding() == ColorEncoding::Rgb8 => {
+                "colour: PNG, the samples of the recording"
+            }
             _ => "colour: the raw Bayer mosaic (green red / blue green) as PNG of 8 bits grey",
         };
         self.line(line);

@@ -1,6 +1,6 @@
 //! The folder of 7-Scenes: pairs only, one file for each image and pose.
 
-use anyhow::{bail, ensure};
+use anyhow::ensure;
 use geometry::Pose;
 
 use crate::import::rig::{PoseCamera, PoseStamps, Rig};
@@ -19,12 +19,6 @@ pub(crate) fn write(
     progress: OnProgress,
 ) -> anyhow::Result<Written> {
     let path = files.recording.path().display();
-    if !files.is_color_developed() {
-        bail!(
-            "the colour of {path} is {}, which a 7-Scenes folder cannot hold; --to folder writes it as it is",
-            files.recording.color_camera().encoding.name()
-        );
-    }
     ensure!(
         files.recording.frame_count() > 0,
         "{path} has no pair of depth and colour; --to tum writes the streams as they are"

@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use anyhow::bail;
 use sequence::scan::RecordPlace;
 
 use crate::import::rig::{PoseCamera, PoseStamps, Rig};
@@ -26,13 +25,6 @@ pub(crate) fn write(
     part: &TargetFolder,
     progress: OnProgress,
 ) -> anyhow::Result<Written> {
-    if !files.is_color_developed() {
-        bail!(
-            "the colour of {} is {}, which a TUM folder cannot hold; --to folder writes it as it is",
-            files.recording.path().display(),
-            files.recording.color_camera().encoding.name()
-        );
-    }
     part.make("depth")?;
     part.make("rgb")?;
     let mut entries = entries(files, StreamKind::Depth, "depth");

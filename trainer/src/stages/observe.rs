@@ -4,10 +4,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use geometry::{DVec3, Intrinsics, Pose};
 use glam::Vec3;
-use imaging::{Corrector, Radiance};
+use imaging::{Corrector, Radiance, develop};
 use rayon::prelude::*;
 use raytrace::{Hit, MirrorQuery, NO_TRIANGLE, Scene, VisibilityBuffer, visibility_buffer};
-use sequence::Recording;
+use sequence::{ColorEncoding, Recording};
 
 use super::geometry::{depth_of, depth_tolerance};
 use super::poses::{PosedFrame, without_repeats};
@@ -149,12 +149,20 @@ impl ColorView {
             * self.color_from_depth.inverse()
     }
 
-    /// Linear radiance of a frame.
+    /// Linear radiance of a frame, developed where it is a mosaic or YUV.
     pub fn radiance(&self, recording: &Recording, index: usize) -> anyhow::Result<Radiance> {
-        let codes = recording.color(index)?;
-        Ok(self
-            .corrector
-            .correct(&codes, recording.color_is_subsampled(index)?))
+        let camera = recording.color_camera();
+        Ok(match camera.encoding {
+            ColorEncoding::Jpeg | ColorEncoding::Rgb8 => {
+                let codes = recording.color(index)?;
+                let is_subsampled = recording.color_is_subsampled(index)?;
+                self.corrector.correct(&codes, is_subsampled)
+            }
+            ColorEncoding::BayerGrbg | ColorEncoding::Uyvy | ColorEncoding::Yuyv => {
+                let frame = recording.color_raw(index)?;
+                develop::radiance(&self.corrector, camera.layout()?, &frame, false)?
+            }
+        })
     }
 }
 

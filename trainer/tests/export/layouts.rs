@@ -140,7 +140,7 @@ fn the_json_of_a_folder_holds_all_times_gaps_and_events() {
 }
 
 #[test]
-fn raw_colour_is_written_as_it_is_and_only_by_the_folder() {
+fn raw_colour_is_written_as_it_is_by_the_folder_and_developed_by_the_others() {
     for encoding in [
         ColorEncoding::BayerGrbg,
         ColorEncoding::Yuyv,
@@ -164,10 +164,22 @@ fn raw_colour_is_written_as_it_is_and_only_by_the_folder() {
         );
         let json: Value = serde_json::from_slice(&made.read("folder/frames.json")).unwrap();
         assert_eq!(json["description"]["streams"][1]["format"], encoding.name());
-        for target in [ExportTarget::Tum, ExportTarget::SevenScenes] {
-            let sentence = made.refusal(&made.options(target, "other"));
-            assert!(sentence.contains(encoding.name()) && sentence.contains("--to folder"));
-        }
+        let developed = made.open().color(3).unwrap();
+        assert_eq!(
+            [developed.width(), developed.height()],
+            color_size(encoding)
+        );
+        made.export(ExportTarget::SevenScenes, "scenes");
+        let png = made.read("scenes/frame-000003.color.png");
+        assert_eq!(imaging::decode_png_rgb8(&png).unwrap(), developed);
+        assert!(
+            made.text("scenes/README.txt")
+                .contains("PNG of 8 bits, developed")
+        );
+        assert_eq!(made.import("scenes").color(3).unwrap(), developed);
+        made.export(ExportTarget::Tum, "tum");
+        assert!(made.text("tum/rig.toml").contains("format = \"png\""));
+        assert!(made.text("tum/README.txt").contains("`--to folder`"));
     }
 }
 
