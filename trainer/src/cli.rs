@@ -4,6 +4,7 @@
 //! with a list · 101 a bug.
 
 mod eval;
+mod tradeoff;
 
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
@@ -50,6 +51,8 @@ enum Command {
     Train(TrainArgs),
     /// Measure a run: room, held-out photographs, camera path, shape; or the camera path of a recording.
     Eval(eval::EvalArgs),
+    /// Measure what accuracy costs in time, one knob at a time; goes on where it was stopped.
+    Tradeoff(tradeoff::TradeoffArgs),
     /// Write one self-contained page about a run.
     Report(ReportArgs),
     /// Draw the object from a path of views.
@@ -265,6 +268,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Import(args) => run_import(args, &progress),
         Command::Train(args) => run_train(args, threads, &progress),
         Command::Eval(args) => eval::run(args, &progress),
+        Command::Tradeoff(args) => tradeoff::run(args, &progress),
         Command::Report(args) => run_report(args),
         Command::Render(args) => run_render(args, &progress),
         Command::Export(args) => run_export(args, &progress),

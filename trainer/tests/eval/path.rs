@@ -176,13 +176,14 @@ fn a_jump_of_the_reference_is_told_apart_by_ranges() {
     }
     // The first pose laid on the reference: the second half is off by the jump.
     assert!((metrics.whole.ate_first_pose.max - 0.1).abs() < 1e-9);
-    options.ranges = vec![100..151];
+    options.ranges.clear();
+    options.ranges.push(100..151);
     let error = evaluate(&recording, &options).unwrap_err().to_string();
     assert!(
         error.contains("100..151 reaches beyond the 150 frames"),
         "{error}"
     );
-    options.ranges = vec![100..109];
+    options.ranges[0] = 100..109;
     let error = format!("{:#}", evaluate(&recording, &options).unwrap_err());
     assert!(error.contains("9 tracked poses are too few"), "{error}");
 }
