@@ -3,6 +3,9 @@
 //! 0 success · 2 the user's input cannot be used, with one sentence · 3 done, but part of the input is lost,
 //! with a list · 101 a bug.
 
+mod eval;
+mod tradeoff;
+
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -11,8 +14,6 @@ use anyhow::{Context as _, bail};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use serde_json::json;
 
-use crate::clock::Stopwatch;
-use crate::eval::{self, Metrics};
 use crate::export::{ExportOptions, ExportTarget, LostData, export};
 use crate::import::{ImportFormat, ImportOptions, import};
 use crate::progress::Progress;
@@ -21,7 +22,7 @@ use crate::report;
 use crate::run_folder::RunFolder;
 use crate::stages::linear::DiffuseOrder;
 use crate::stages::object::WorldBox;
-use crate::train::{CONFIDENCE_FILE, SRM_FILE, TrainConfig, train};
+use crate::train::{TrainConfig, train};
 
 /// Finds the room in the reflections of a shiny object filmed with an RGB-D camera.
 #[derive(Debug, Parser)]
@@ -48,8 +49,10 @@ enum Command {
     Import(ImportArgs),
     /// Rebuild shape and specular map from a recording's training frames.
     Train(TrainArgs),
-    /// Measure a run against a known room and against held-out photographs.
-    Eval(EvalArgs),
+    /// Measure a run: room, held-out photographs, camera path, shape; or the camera path of a recording.
+    Eval(eval::EvalArgs),
+    /// Measure what accuracy costs in time, one knob at a time; goes on where it was stopped.
+    Tradeoff(tradeoff::TradeoffArgs),
     /// Write one self-contained page about a run.
     Report(ReportArgs),
     /// Draw the object from a path of views.
@@ -126,24 +129,6 @@ struct TrainArgs {
     /// Replace a run that is in the folder.
     #[arg(long)]
     overwrite: bool,
-}
-
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  glint eval run --truth captures/two-cans/truth --truth-alpha 0.02"
-)]
-struct EvalArgs {
-    /// The run folder.
-    run: PathBuf,
-    /// Folder with environment.exr and reach.exr; `masks` beside it or in it gives the object's masks.
-    #[arg(long)]
-    truth: Option<PathBuf>,
-    /// GGX width of the lobe that dominates the map.
-    #[arg(long, default_value_t = 0.02)]
-    truth_alpha: f64,
-    /// Fix the scale between map and truth instead of fitting it.
-    #[arg(long)]
-    truth_scale: Option<f64>,
 }
 
 #[derive(Debug, Args)]
@@ -282,7 +267,8 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
     let summary = pool.install(|| match &cli.command {
         Command::Import(args) => run_import(args, &progress),
         Command::Train(args) => run_train(args, threads, &progress),
-        Command::Eval(args) => run_eval(args, &progress),
+        Command::Eval(args) => eval::run(args, &progress),
+        Command::Tradeoff(args) => tradeoff::run(args, &progress),
         Command::Report(args) => run_report(args),
         Command::Render(args) => run_render(args, &progress),
         Command::Export(args) => run_export(args, &progress),
@@ -377,54 +363,6 @@ fn run_train(args: &TrainArgs, threads: usize, progress: &Progress) -> anyhow::R
         args.output.display(),
     );
     Ok(Summary::whole(text, serde_json::to_value(&summary)?))
-}
-
-fn run_eval(args: &EvalArgs, progress: &Progress) -> anyhow::Result<Summary> {
-    if !(args.truth_alpha > 0.0 && args.truth_alpha <= 1.0) {
-        bail!(
-            "--truth-alpha {} is no GGX width: give a value above 0 and up to 1",
-            args.truth_alpha
-        );
-    }
-    let watch = Stopwatch::start();
-    let folder = RunFolder::open(&args.run)?;
-    let config: TrainConfig =
-        toml::from_str(&std::fs::read_to_string(folder.path("config.toml"))?)?;
-    let mut metrics = Metrics::default();
-    if let Some(truth) = &args.truth {
-        metrics.environment = Some(eval::environment::evaluate(
-            &folder.path(SRM_FILE),
-            &folder.path(CONFIDENCE_FILE),
-            truth,
-            args.truth_alpha,
-            args.truth_scale,
-        )?);
-    }
-    let masks = args.truth.as_ref().and_then(|truth| {
-        [truth.join("masks"), truth.join("../masks")]
-            .into_iter()
-            .find(|folder| folder.is_dir())
-    });
-    let recording = sequence::Recording::open(&config.recording)?;
-    let model = eval::model::Model::load(&folder)?;
-    progress.stage("eval");
-    let judged = eval::composition::evaluate(
-        &recording,
-        &model,
-        &config.poses,
-        masks.as_deref(),
-        &|done, of| progress.step(done, of),
-    )?;
-    if let Some((composition, strips)) = judged {
-        report::write_strips(&folder, &strips)?;
-        metrics.composition = Some(composition);
-    }
-    metrics.cost = watch.cost();
-    folder.write_json("metrics.json", &metrics)?;
-    Ok(Summary::whole(
-        report::metrics_text(&metrics),
-        report::metrics_summary(&metrics),
-    ))
 }
 
 fn run_report(args: &ReportArgs) -> anyhow::Result<Summary> {

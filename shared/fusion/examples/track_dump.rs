@@ -12,7 +12,8 @@ use fusion::VolumeConfig;
 use fusion::live::{Effort, LiveConfig, LiveFusion, LiveRig};
 use fusion::tracking::TrackState;
 use geometry::{DMat3, DVec3, Intrinsics, Pose, trajectory_error};
-use imaging::{DepthImage, Image};
+use imaging::develop::{ColorLayout, Developer};
+use imaging::{Corrector, DepthImage, LinearPixel, Response, Vignetting};
 use rustix::time::{ClockId, clock_gettime};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
@@ -96,7 +97,6 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let [fx, fy, cx, cy] = f64s::<4>(&mut file)?;
     let color_camera = Intrinsics::pinhole(color_width, color_height, fx, fy, cx, cy)?;
     let color_from_depth = pose(&f64s::<16>(&mut file)?)?;
-    let linear: Vec<f32> = (0..256).map(|c| (c as f32 / 255.0).powf(2.2)).collect();
 
     let mut frames = Vec::new();
     let mut raw = vec![0u8; 2 * (width * height) as usize];
@@ -124,10 +124,18 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     } else {
         arguments.list.clone()
     };
-    let half = fusion::tracking::points::half_camera(&color_camera).ok_or("tiny images")?;
+    let corrector = Corrector::new(
+        &Response::gamma(2.2)?,
+        &Vignetting::none(),
+        color_width,
+        color_height,
+        1.0,
+    );
+    let mut developer = Developer::new(&corrector, ColorLayout::Rgb8)?;
+    let mut pixels = vec![LinearPixel::INVALID; (color_width * color_height) as usize];
     let rig = LiveRig {
         depth_camera,
-        grey_camera: arguments.grey.then_some(half),
+        color_camera: arguments.grey.then_some(color_camera),
         color_from_depth,
     };
     let config = LiveConfig {
@@ -178,15 +186,14 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         };
         last = time;
         let start = process_ms();
-        live.load_depth(&frame.depth);
         if let Some(grey) = live.grey_mut() {
-            luminance(&frame.rgb, color_width as usize, &linear, grey);
+            developer.develop(&frame.rgb, true, &mut pixels, grey.pixels_mut())?;
         }
-        live.load_grey(arguments.grey);
+        live.load(&frame.depth, arguments.grey);
         let loaded = process_ms();
         let tracked = live.track(time, Effort::default());
         let found = process_ms();
-        live.fuse(&frame.depth)?;
+        live.fuse(&frame.depth, arguments.grey.then_some(&pixels))?;
         let fused = process_ms();
         for (sum, part) in ms.iter_mut().zip([loaded - start, found - loaded, fused - found]) {
             *sum += part;
@@ -248,20 +255,6 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         live.volume().block_count()
     );
     Ok(())
-}
-
-fn luminance(rgb: &[u8], width: usize, linear: &[f32], grey: &mut Image<f32>) {
-    for y in 0..grey.height() {
-        for (x, out) in grey.row_mut(y).iter_mut().enumerate() {
-            let mut sum = 0.0;
-            for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                let at = 3 * ((2 * y as usize + dy) * width + 2 * x + dx);
-                let [r, g, b] = [rgb[at], rgb[at + 1], rgb[at + 2]].map(|c| linear[usize::from(c)]);
-                sum += 0.2126 * r + 0.7152 * g + 0.0722 * b;
-            }
-            *out = sum / 4.0;
-        }
-    }
 }
 
 fn pose(m: &[f64; 16]) -> Result<Pose, Failure> {

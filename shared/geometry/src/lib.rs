@@ -15,13 +15,14 @@
 //!
 //! Map: [`pose`] rigid motion in f64 · [`rotation`] SO(3) and SE(3) maps, interpolation · [`camera`]
 //! intrinsics · [`distortion`] of lenses · [`panorama`] directions and texels · [`direction`] angles,
-//! bases, mirror reflection · [`alignment`] of two paths, trajectory error · [`svd`] of 3x3 matrices ·
-//! [`symmetric`] eigenvalues · [`robust`] medians and scales.
+//! bases, mirror reflection · [`alignment`] of two paths, absolute trajectory error · [`trajectory`] relative
+//! error, orientations, time between clocks · [`svd`] of 3x3 matrices · [`symmetric`] eigenvalues · [`robust`]
+//! medians and scales.
 //!
-//! Invariants: no allocation per call except in [`robust`] and [`alignment::trajectory_error`]; a value
-//! that comes out of a `Result` or `Option` is valid (a [`Pose`] is rigid, an [`Intrinsics`] is usable);
-//! finite input of a size that occurs (lengths and angles below 1e150) never gives NaN; NaN never becomes
-//! a number silently, except where a function says so.
+//! Invariants: no allocation per call except in [`robust`], [`trajectory`] and
+//! [`alignment::trajectory_error`]; a value that comes out of a `Result` or `Option` is valid (a [`Pose`] is
+//! rigid, an [`Intrinsics`] is usable); finite input of a size that occurs (lengths and angles below 1e150)
+//! never gives NaN; NaN never becomes a number silently, except where a function says so.
 
 pub mod alignment;
 pub mod camera;
@@ -33,6 +34,7 @@ pub mod robust;
 pub mod rotation;
 pub mod svd;
 pub mod symmetric;
+pub mod trajectory;
 
 pub use alignment::{
     AlignmentError, AlignmentRank, RigidAlignment, TrajectoryError, align_rigid, trajectory_error,

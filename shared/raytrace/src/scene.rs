@@ -95,6 +95,10 @@ impl Scene {
         Self { level, ..self }
     }
 
+    pub(crate) fn tree(&self) -> &Tree {
+        &self.tree
+    }
+
     /// What became of the triangles given to [`Scene::new`].
     pub fn counts(&self) -> TriangleCounts {
         self.counts

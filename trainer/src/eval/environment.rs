@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context as _;
-use geometry::{DVec2, PanoramaSize, robust};
+use geometry::{DQuat, DVec2, PanoramaSize, robust, rotation};
 use imaging::{Image, LinearImage, measures, read_channel_exr, read_confidence_exr, read_rgb_exr};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -35,6 +35,10 @@ pub struct Score {
 pub struct EnvironmentMetrics {
     /// GGX width of the lobe that the truth was blurred with.
     pub truth_alpha: f64,
+    /// Angle by which the map was turned into the axes of the poses `source`, degrees: the alignment of the
+    /// trajectory it was trained from. Absent where it was trained from `source`, or the recording has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map_rotation_deg: Option<f64>,
     /// Correlation over claimed texels, against the lobe.
     pub env_corr: f64,
     /// Logarithmic error over claimed texels.
@@ -64,11 +68,13 @@ pub struct EnvironmentMetrics {
 /// A map on the grid.
 type Grid = Vec<[f64; 3]>;
 
-/// Scores `srm` with `confidence` against the `truth` folder of a plain folder.
+/// Scores `srm` with `confidence` against the `truth` folder of a plain folder. `truth_from_map` turns the map's
+/// directions into those of the truth, where they differ.
 pub fn evaluate(
     srm: &Path,
     confidence: &Path,
     truth: &Path,
+    truth_from_map: Option<DQuat>,
     alpha: f64,
     fixed_scale: Option<f64>,
 ) -> anyhow::Result<EnvironmentMetrics> {
@@ -81,11 +87,13 @@ pub fn evaluate(
         .context("reading the reach of the truth")?;
     let size = PanoramaSize::from_height(GRID_HEIGHT).expect("64 rows make a panorama");
     let reach = grid_scalar(&reach, size);
-    let (map_on_grid, confidence_on_grid) = grid_map(&map, &confidence.confidence, size);
+    let turn = |map: &LinearImage| truth_from_map.map_or_else(|| map.clone(), |q| turned(map, q));
+    let turned_confidence = turn(&confidence.confidence.map(|c| [c; 3])).map(|c| c[0]);
+    let (map_on_grid, confidence_on_grid) = grid_map(&turn(&map), &turned_confidence, size);
     let sigma_map = confidence
         .sigma
         .map(|s| s.map(|v| if v.is_finite() { v } else { 10.0 }));
-    let (sigma_on_grid, _) = grid_map(&sigma_map, &confidence.confidence, size);
+    let (sigma_on_grid, _) = grid_map(&turn(&sigma_map), &turned_confidence, size);
     let sharp = block_mean(&environment, size);
     let lobe = lobe_map(&environment, size, alpha);
     let ones = vec![1.0; size.texel_count()];
@@ -102,6 +110,7 @@ pub fn evaluate(
     });
     Ok(EnvironmentMetrics {
         truth_alpha: alpha,
+        map_rotation_deg: truth_from_map.map(|q| rotation::log(q).length().to_degrees()),
         env_corr: on_claimed.corr,
         env_log_rmse: on_claimed.log_rmse,
         coverage: on_claimed.coverage,
@@ -236,7 +245,21 @@ fn blocks(width: u32, height: u32, size: PanoramaSize) -> Option<u32> {
 
 fn resampled(image: &LinearImage, size: PanoramaSize) -> LinearImage {
     let fine = PanoramaSize::from_height(4 * size.height()).expect("a multiple of the grid");
+    turned_to(image, fine, DQuat::IDENTITY)
+}
+
+/// The map in other axes, at its own size; `turn` takes its directions to the new ones.
+fn turned(image: &LinearImage, turn: DQuat) -> LinearImage {
+    match PanoramaSize::from_height(image.height()) {
+        Some(size) => turned_to(image, size, turn),
+        None => image.clone(),
+    }
+}
+
+/// The map at another size and in other axes, bilinear.
+fn turned_to(image: &LinearImage, fine: PanoramaSize, turn: DQuat) -> LinearImage {
     let source = PanoramaSize::from_height(image.height());
+    let back = turn.conjugate();
     let pixels = (0..fine.texel_count())
         .map(|index| {
             let texel = DVec2::new(
@@ -246,7 +269,7 @@ fn resampled(image: &LinearImage, size: PanoramaSize) -> LinearImage {
             let Some(source) = source else {
                 return [0.0; 3];
             };
-            let taps = source.taps(fine.direction_from_texel(texel));
+            let taps = source.taps(back * fine.direction_from_texel(texel));
             let mut value = [0.0_f32; 3];
             for (&texel, weight) in taps.texels.iter().zip(taps.weights) {
                 let color = image.pixels()[texel as usize];
@@ -394,6 +417,29 @@ mod tests {
         );
         let turned = score(&domain, &turned_quarter(&truth, size), &truth, None);
         assert!(turned.corr < 0.6);
+    }
+
+    #[test]
+    fn a_turned_map_turns_back() {
+        let size = PanoramaSize::from_height(64).unwrap();
+        let toward = |index: usize| {
+            let (column, row) = (index % 128, index / 128);
+            size.direction_from_texel(DVec2::new(column as f64, row as f64))
+        };
+        // Smooth, so that bilinear taps cost little.
+        let value = |d: geometry::DVec3| [(0.5 + 0.3 * d.x + 0.2 * d.y * d.z) as f32; 3];
+        let turn = rotation::exp(geometry::DVec3::new(0.3, -0.8, 0.2));
+        let in_map = (0..size.texel_count()).map(|i| value(toward(i))).collect();
+        let map = Image::from_vec(128, 64, in_map).unwrap();
+        let found = turned(&map, turn);
+        for (index, pixel) in found.pixels().iter().enumerate() {
+            let expected = value(turn.conjugate() * toward(index));
+            assert!((pixel[0] - expected[0]).abs() < 2e-3);
+        }
+        assert_eq!(
+            turned(&map, DQuat::IDENTITY).pixels().len(),
+            map.pixels().len()
+        );
     }
 
     #[test]

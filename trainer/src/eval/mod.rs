@@ -1,8 +1,11 @@
-//! `glint eval`: the map against a known room, and the model against photographs it never saw.
+//! `glint eval`: the map against a known room, the model against photographs it never saw, the camera path and
+//! the shape against references.
 
 pub mod composition;
 pub mod environment;
+pub mod mesh;
 pub mod model;
+pub mod trajectory;
 
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +18,12 @@ pub struct Metrics {
     /// Held-out photographs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub composition: Option<composition::CompositionMetrics>,
+    /// The camera path against a reference.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trajectory: Option<trajectory::TrajectoryMetrics>,
+    /// The mesh against a reference.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<mesh::MeshMetrics>,
     /// Cost of the evaluation.
     pub cost: crate::clock::Cost,
 }

@@ -23,7 +23,7 @@ mod rig_writing;
 mod seven_scenes;
 mod source;
 mod split;
-mod trajectory;
+pub(crate) mod trajectory;
 mod transform;
 mod tum;
 

@@ -8,8 +8,8 @@ use std::path::Path;
 use imaging::{Rgb8Image, encode_jpeg};
 use serde_json::json;
 
-use crate::eval::Metrics;
 use crate::eval::composition::Strip;
+use crate::eval::{self, Metrics};
 use crate::run_folder::{RunFolder, write_atomically};
 
 /// Quality of the pictures inside the page.
@@ -91,6 +91,11 @@ pub fn metrics_text(metrics: &Metrics) -> String {
             "  claimed texels within 1.64 sigma of the truth: {:.1} %",
             100.0 * e.within_sigma_fraction
         ));
+        if let Some(angle) = e.map_rotation_deg {
+            lines.push(format!(
+                "  the map was turned by {angle:.2} degrees: the alignment of its trajectory to the poses `source`"
+            ));
+        }
     }
     if let Some(c) = &metrics.composition {
         lines.push(format!(
@@ -99,6 +104,8 @@ pub fn metrics_text(metrics: &Metrics) -> String {
             c.nearest_view.l1, c.nearest_view.psnr
         ));
     }
+    lines.extend(metrics.trajectory.as_ref().map(eval::trajectory::text));
+    lines.extend(metrics.mesh.as_ref().map(eval::mesh::text));
     if lines.is_empty() {
         lines.push(
             "nothing to measure: the recording has no test frames and no --truth was given"
@@ -117,6 +124,9 @@ pub fn metrics_summary(metrics: &Metrics) -> serde_json::Value {
         summary.insert("coverage".into(), json!(e.coverage));
         summary.insert("env_corr_reach".into(), json!(e.env_corr_reach));
         summary.insert("env_log_rmse_reach".into(), json!(e.env_log_rmse_reach));
+        if let Some(angle) = e.map_rotation_deg {
+            summary.insert("map_rotation_deg".into(), json!(angle));
+        }
         summary.insert("env_corr_turned".into(), json!(e.turned.corr));
         summary.insert("env_log_rmse_constant".into(), json!(e.constant.log_rmse));
         summary.insert(
@@ -129,6 +139,12 @@ pub fn metrics_summary(metrics: &Metrics) -> serde_json::Value {
         summary.insert("psnr".into(), json!(c.composition.psnr));
         summary.insert("l1_diffuse".into(), json!(c.diffuse_only.l1));
         summary.insert("l1_nearest".into(), json!(c.nearest_view.l1));
+    }
+    if let Some(trajectory) = &metrics.trajectory {
+        summary.extend(eval::trajectory::summary(trajectory));
+    }
+    if let Some(mesh) = &metrics.mesh {
+        summary.extend(eval::mesh::summary(mesh));
     }
     summary.insert("cost".into(), json!(metrics.cost));
     summary.into()

@@ -10,8 +10,8 @@ use crate::volume::VolumeConfig;
 pub struct LiveRig {
     /// Pinhole of the depth images.
     pub depth_camera: Intrinsics,
-    /// Camera of the half-size luminance, where there is colour; its distortion is ignored.
-    pub grey_camera: Option<Intrinsics>,
+    /// Camera of the photographs, where there is one.
+    pub color_camera: Option<Intrinsics>,
     /// Colour camera from depth camera.
     pub color_from_depth: Pose,
 }

@@ -9,11 +9,12 @@ mod config;
 mod relocalise;
 
 use geometry::{DVec3, Intrinsics, Pose};
-use imaging::DepthImage;
+use imaging::{DepthImage, LinearPixel, Registration};
 
 pub use self::config::{Effort, LiveConfig, LiveRig};
 use crate::error::FusionError;
 use crate::model_view::ModelView;
+use crate::tracking::points::half_camera;
 use crate::tracking::{
     Alignment, GreyFrame, Icp, IcpInput, Keyframes, Motion, Photometric, PointPyramid,
     Thumbnail, TrackState, thumbnail,
@@ -69,6 +70,8 @@ pub struct LiveFusion {
     photometric: Photometric,
     points: PointPyramid,
     grey: Option<GreyFrame>,
+    registration: Option<Registration>,
+    registered: Vec<LinearPixel>,
     has_grey: bool,
     view: ModelView,
     now: Thumbnail,
@@ -90,9 +93,16 @@ impl LiveFusion {
             .levels()
             .first()
             .map_or(rig.depth_camera, |level| level.camera);
+        let depth_camera = &rig.depth_camera;
+        let registration = match &rig.color_camera {
+            Some(color) => Some(Registration::new(depth_camera, color, &rig.color_from_depth)?),
+            None => None,
+        };
         let grey = rig
-            .grey_camera
+            .color_camera
+            .and_then(|camera| half_camera(&camera))
             .map(|camera| GreyFrame::new(&camera, rig.color_from_depth, config.level_count));
+        let pixel_count = rig.depth_camera.width() as usize * rig.depth_camera.height() as usize;
         let first = Map {
             volume: Volume::new(config.volume.clone())?,
         };
@@ -108,6 +118,11 @@ impl LiveFusion {
             photometric: Photometric::default(),
             points,
             grey,
+            registered: match &registration {
+                Some(_) => vec![LinearPixel::INVALID; pixel_count],
+                None => Vec::new(),
+            },
+            registration,
             has_grey: false,
             view: ModelView::new(&view_camera, &start),
             now: Thumbnail::default(),
@@ -127,21 +142,18 @@ impl LiveFusion {
         })
     }
 
-    /// Takes the depth of a frame: metres along z in the pinhole of [`LiveRig::depth_camera`], 0 = no measurement.
-    pub fn load_depth(&mut self, depth: &DepthImage) {
-        self.points.load(depth);
-    }
-
-    /// Where the half-size luminance of the frame's photograph goes, before [`LiveFusion::load_grey`]; `None` where
-    /// the rig has no colour camera.
+    /// Where the half-size luminance of the frame's photograph goes before [`LiveFusion::load`]: linear, 0 = unknown
+    /// or saturated, as [`imaging::develop::Developer::develop`] writes it. `None` where the rig has no colour camera.
     pub fn grey_mut(&mut self) -> Option<&mut imaging::Image<f32>> {
         self.grey.as_mut().map(GreyFrame::finest_mut)
     }
 
-    /// Takes the luminance that was written, or says that this frame has none.
-    pub fn load_grey(&mut self, is_there: bool) {
-        self.has_grey = is_there && self.grey.is_some();
-        if let Some(grey) = self.grey.as_mut().filter(|_| is_there) {
+    /// Takes a frame: its depth (metres along z in the pinhole of [`LiveRig::depth_camera`], 0 = no measurement) and
+    /// whether its luminance was written.
+    pub fn load(&mut self, depth: &DepthImage, has_grey: bool) {
+        self.points.load(depth);
+        self.has_grey = has_grey && self.grey.is_some();
+        if let Some(grey) = self.grey.as_mut().filter(|_| has_grey) {
             grey.finish();
         }
         std::mem::swap(&mut self.now, &mut self.before);
@@ -183,20 +195,29 @@ impl LiveFusion {
         }
     }
 
-    /// Fuses the frame that was tracked, unless it is lost; also keeps keyframes. `depth` as for
-    /// [`LiveFusion::load_depth`].
+    /// Fuses the frame that was tracked, unless it is lost (`None`); also keeps keyframes. `depth` as for
+    /// [`LiveFusion::load`]; `color`: the developed photograph in the colour camera's grid, which is registered here.
     ///
     /// # Errors
-    /// When `depth` has not the size of the camera.
-    pub fn fuse(&mut self, depth: &DepthImage) -> Result<Option<IntegrateStats>, FusionError> {
+    /// When an image has not the size of its camera.
+    pub fn fuse(
+        &mut self,
+        depth: &DepthImage,
+        color: Option<&[LinearPixel]>,
+    ) -> Result<Option<IntegrateStats>, FusionError> {
         if self.tracked.state == TrackState::Lost {
             return Ok(None);
         }
         let pose = self.tracked.world_from_camera;
-        let map = &mut self.maps[self.map];
-        let stats = map
-            .volume
-            .integrate(depth.pixels(), &self.rig.depth_camera, &pose)?;
+        let volume = &mut self.maps[self.map].volume;
+        let camera = &self.rig.depth_camera;
+        let stats = match (color, &mut self.registration) {
+            (Some(color), Some(registration)) => {
+                registration.register(depth.pixels(), color, &mut self.registered)?;
+                volume.integrate_colored(depth.pixels(), &self.registered, camera, &pose)?
+            }
+            _ => volume.integrate(depth.pixels(), camera, &pose)?,
+        };
         if self.tracked.state == TrackState::Ok {
             self.keyframes.offer(self.map as u32, &pose, &self.now);
         }

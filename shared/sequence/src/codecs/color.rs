@@ -212,6 +212,14 @@ impl ColorEncoder {
         })
     }
 
+    /// Packs with another level of zstd than 1; see [`super::DepthEncoder::set_zstd_level`].
+    ///
+    /// # Errors
+    /// [`CodecError::Compressor`] where zstd has no memory for it.
+    pub fn set_zstd_level(&mut self, level: i32) -> Result<(), CodecError> {
+        self.packer.set_level(level)
+    }
+
     /// The most that a payload takes: the raw frame and a byte.
     pub fn max_payload_bytes(&self) -> usize {
         HEAD_BYTES + self.scratch.frame_bytes

@@ -108,6 +108,15 @@ impl DepthEncoder {
         Ok(Self { domain, ..encoder })
     }
 
+    /// Packs with another level of zstd than 1, -7 (quick) to 19 (small), which is beyond what a recorder can
+    /// afford: for measurements. What is written stays readable by every decoder.
+    ///
+    /// # Errors
+    /// [`CodecError::Compressor`] where zstd has no memory for it.
+    pub fn set_zstd_level(&mut self, level: i32) -> Result<(), CodecError> {
+        self.packer.set_level(level)
+    }
+
     /// The table of the payloads, as of the last frame; `None` while samples are coded as they are.
     pub fn table(&self) -> Option<&CodeTable> {
         match &self.domain {

@@ -63,6 +63,17 @@ fn noise_is_stored_raw_and_never_longer_than_raw() {
 }
 
 #[test]
+fn every_level_of_zstd_is_exact() {
+    let frame = shifts(64, 48, &mut Pcg64Mcg::seed_from_u64(9));
+    for level in [-7, -1, 3, 9, 19] {
+        let mut encoder = DepthEncoder::of_codes(64, 48).unwrap();
+        encoder.set_zstd_level(level).unwrap();
+        let (encoded, decoded) = through(&mut encoder, &frame, DepthCodec::Fast);
+        assert!(!encoded.is_raw && decoded == frame.samples, "level {level}");
+    }
+}
+
+#[test]
 fn a_frame_does_not_depend_on_those_before_it() {
     let mut random = Pcg64Mcg::seed_from_u64(4);
     let (first, second) = (shifts(40, 30, &mut random), shifts(40, 30, &mut random));

@@ -1,0 +1,205 @@
+//! Subject `fusion`: core-milliseconds a frame of the recorder, tracking and fusing, against the error of its path.
+//!
+//! The child is `glintd record replay:RECORDING?speed=max --json`; its summary and the `live` poses that it stored
+//! are judged here, and its mesh where a reference is given. Which flag turns a knob is part of the data.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context as _, bail};
+use geometry::Pose;
+use sequence::Recording;
+use serde_json::Value;
+
+use super::subject::{Axis, PointFigures, PointRunner, Setting, Subject};
+use crate::eval::mesh::{self, Sightings, read_mesh};
+use crate::eval::trajectory::{self, JudgedPath, TrajectoryOptions, TrajectoryReference};
+
+/// Parts of the path that the bootstrap draws.
+const BLOCK_COUNT: usize = 10;
+/// Points on each surface: a tenth of those of `glint eval`, for a tenth of the time.
+const SAMPLE_COUNT: usize = 100_000;
+
+/// Core-milliseconds of a frame, all of the recorder.
+pub const COST: Axis = Axis {
+    key: "frame_core_ms",
+    label: "core-ms a frame, recording and replay included",
+};
+/// Error of the path.
+pub const ERROR: Axis = Axis {
+    key: "ate_m",
+    label: "trajectory error after alignment, m",
+};
+/// Share of frames tracked, which stands beside every error.
+pub const TRACKED: &str = "tracked_fraction";
+/// What a reader must see beside them.
+pub const BESIDE: &[Axis] = &[
+    Axis {
+        key: TRACKED,
+        label: "share of frames tracked",
+    },
+    Axis {
+        key: "wrong_accepted",
+        label: "OK poses that are wrong",
+    },
+    Axis {
+        key: "rpe_1s_m",
+        label: "error over 1 s, m",
+    },
+    Axis {
+        key: "mesh_accuracy_m",
+        label: "mesh to reference, mean, m",
+    },
+    Axis {
+        key: "mesh_completeness_m",
+        label: "reference to mesh, mean, m",
+    },
+    Axis {
+        key: "realtime_factor",
+        label: "times real time",
+    },
+    Axis {
+        key: "rss_peak_mb",
+        label: "peak memory, MiB",
+    },
+];
+
+/// How a level of a knob is typed for the recorder.
+#[derive(Clone, Copy, Debug)]
+pub enum Flag {
+    /// The flag and the level after it: `--voxel-mm 5`.
+    Value(&'static str),
+    /// The flag alone where the level is `on`, nothing where it is `off`.
+    Switch(&'static str),
+}
+
+/// Runs the points of a subject whose knobs are flags of `glintd record`.
+#[derive(Clone, Debug)]
+pub struct FusionRunner {
+    /// What is compared.
+    pub subject: Subject,
+    /// The flag of every knob, by its name.
+    pub flags: &'static [(&'static str, Flag)],
+    /// The recorder.
+    pub program: PathBuf,
+    /// The recording that is replayed; its set `source` is the reference.
+    pub recording: PathBuf,
+    /// Mesh of the reference, in its world.
+    pub mesh: Option<PathBuf>,
+}
+
+impl PointRunner for FusionRunner {
+    fn subject(&self) -> &Subject {
+        &self.subject
+    }
+
+    fn command(&self, setting: &Setting, desk: &Path) -> anyhow::Result<Command> {
+        let mut command = Command::new(&self.program);
+        let source = format!("replay:{}?speed=max", self.recording.display());
+        command
+            .args(["record", &source, "--json", "-o"])
+            .arg(desk.join("live.glint"));
+        if self.mesh.is_some() {
+            command.arg("--mesh").arg(desk.join("live.ply"));
+        }
+        for (knob, flag) in self.flags {
+            let level = setting
+                .get(*knob)
+                .with_context(|| format!("no level of `{knob}`"))?;
+            match (flag, level.as_str()) {
+                (Flag::Value(flag), level) => {
+                    command.args([*flag, level]);
+                }
+                (Flag::Switch(flag), "on") => {
+                    command.arg(flag);
+                }
+                (Flag::Switch(_), "off") => {}
+                (Flag::Switch(flag), level) => bail!("{flag} cannot be `{level}`"),
+            }
+        }
+        Ok(command)
+    }
+
+    fn figures(&self, last_line: &str, desk: &Path, core_s: f64) -> anyhow::Result<PointFigures> {
+        let summary: Value =
+            serde_json::from_str(last_line).context("the recorder did not print its summary")?;
+        let number = |key: &str| summary.get(key).and_then(Value::as_f64);
+        let frames = number("frames_in").context("the summary has no frames_in")?;
+        let recording = Recording::open(&desk.join("live.glint"))?;
+        let judged = trajectory::evaluate(
+            &recording,
+            &TrajectoryOptions {
+                reference: TrajectoryReference::Source,
+                poses: "live".to_owned(),
+                fit_offset: false,
+                ranges: Vec::new(),
+            },
+        )?;
+        let mut metrics = BTreeMap::from([(COST.key.to_owned(), 1e3 * core_s / frames.max(1.0))]);
+        let mut take = |keys: serde_json::Map<String, Value>| {
+            let numbers = keys
+                .into_iter()
+                .filter_map(|(key, value)| Some((key, value.as_f64()?)));
+            metrics.extend(numbers);
+        };
+        take(trajectory::summary(&judged.metrics));
+        if let Some(reference) = &self.mesh {
+            take(self.mesh_figures(&recording, &judged, desk, reference)?);
+        }
+        if let Value::Object(keys) = summary.clone() {
+            take(keys);
+        }
+        Ok(PointFigures {
+            metrics,
+            blocks: squared_errors(&recording, &judged)?,
+        })
+    }
+}
+
+impl FusionRunner {
+    fn mesh_figures(
+        &self,
+        recording: &Recording,
+        judged: &JudgedPath,
+        desk: &Path,
+        reference: &Path,
+    ) -> anyhow::Result<serde_json::Map<String, Value>> {
+        let sightings = Sightings {
+            camera: recording.depth_camera(),
+            world_from_depth: judged.reference.iter().flatten().copied().collect(),
+        };
+        let metrics = mesh::compare(
+            &read_mesh(&desk.join("live.ply"))?,
+            &read_mesh(reference)?,
+            &judged.alignment.reference_from_estimate,
+            "the trajectory",
+            Some(&sightings),
+            SAMPLE_COUNT,
+            &|_, _| {},
+        )?;
+        Ok(mesh::summary(&metrics))
+    }
+}
+
+/// Mean squared distance of each of ten parts of the path, m²; frames without a pose at the last one, so that a part
+/// that was lost is a bad part and not a missing one.
+fn squared_errors(recording: &Recording, judged: &JudgedPath) -> anyhow::Result<Vec<f64>> {
+    let frames = trajectory::estimated_frames(recording, "live")?;
+    let mut held: Option<Pose> = frames.iter().find_map(|frame| frame.tracked.pose());
+    let mut squares = Vec::with_capacity(frames.len());
+    for (frame, reference) in frames.iter().zip(&judged.reference) {
+        held = frame.tracked.pose().or(held);
+        if let (Some(held), Some(reference)) = (held, reference) {
+            let aligned = judged.alignment.reference_from_estimate * held;
+            squares.push((reference.translation() - aligned.translation()).length_squared());
+        }
+    }
+    let count = squares.len();
+    let part = |part: usize| {
+        let range = part * count / BLOCK_COUNT..(part + 1) * count / BLOCK_COUNT;
+        let part = &squares[range];
+        part.iter().sum::<f64>() / part.len().max(1) as f64
+    };
+    Ok((0..BLOCK_COUNT).map(part).collect())
+}
