@@ -70,3 +70,14 @@ pub enum FusionError {
         got: usize,
     },
 }
+
+/// Errors of live tracking and fusion.
+#[derive(Debug, thiserror::Error)]
+pub enum LiveError {
+    /// A setting or image that the volume refuses.
+    #[error(transparent)]
+    Fusion(#[from] FusionError),
+    /// Cameras or images that cannot be registered.
+    #[error(transparent)]
+    Imaging(#[from] imaging::ImagingError),
+}

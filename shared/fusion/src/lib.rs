@@ -35,7 +35,7 @@ pub mod texture;
 pub mod tracking;
 pub mod volume;
 
-pub use error::FusionError;
+pub use error::{FusionError, LiveError};
 pub use kernels::Level;
 pub use mesh::{Mesh, MeshConfig, components, extract_mesh, remove_small_components};
 pub use model_view::{ModelView, Surfel};

@@ -12,7 +12,7 @@ use geometry::{DVec3, Intrinsics, Pose};
 use imaging::{DepthImage, LinearPixel, Registration};
 
 pub use self::config::{Effort, LiveConfig, LiveRig};
-use crate::error::FusionError;
+use crate::error::LiveError;
 use crate::model_view::ModelView;
 use crate::tracking::points::half_camera;
 use crate::tracking::{
@@ -87,7 +87,7 @@ impl LiveFusion {
     ///
     /// # Errors
     /// Settings that a volume refuses.
-    pub fn new(config: LiveConfig, rig: LiveRig, start: Pose) -> Result<Self, FusionError> {
+    pub fn new(config: LiveConfig, rig: LiveRig, start: Pose) -> Result<Self, LiveError> {
         let points = PointPyramid::new(&rig.depth_camera, config.level_count, config.noise);
         let view_camera = points
             .levels()
@@ -204,7 +204,7 @@ impl LiveFusion {
         &mut self,
         depth: &DepthImage,
         color: Option<&[LinearPixel]>,
-    ) -> Result<Option<IntegrateStats>, FusionError> {
+    ) -> Result<Option<IntegrateStats>, LiveError> {
         if self.tracked.state == TrackState::Lost {
             return Ok(None);
         }
