@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::kernels::integrate::{BlockView, DepthView, Z_NEAR};
 
 /// Edge of a tile, pixels.
-const TILE: usize = 16;
+const TILE: usize = 8;
 /// Source of an ideal pixel that the lens does not see.
 const NO_SOURCE: u32 = u32::MAX;
 
