@@ -81,7 +81,7 @@ fn sees_slab(slab: &Slab, rays: &VoxelRays) -> bool {
 /// The tiles that hold pixels from `low` to `high`, of `size` pixels.
 fn tiles(low: f32, high: f32, size: usize) -> std::ops::Range<usize> {
     // Casts saturate, at 0 too.
-    let from = low.ceil() as usize / TILE;
+    let from = (low.ceil() as usize).min(size) / TILE;
     let to = if high >= 0.0 {
         (high.floor() as usize).min(size - 1) / TILE + 1
     } else {
