@@ -4,7 +4,6 @@ use super::bands::{BAND_ROWS, Band};
 use super::layout::ColorLayout;
 use super::marks::{MarkRule, Marks};
 use super::mosaic::{Mosaic, MosaicRows};
-use super::yuv::{PairOrder, YuvConverter};
 use crate::error::ImagingError;
 use crate::image::Image;
 use crate::kernels::Level;
@@ -151,7 +150,7 @@ impl Developer {
         require_count(grey.len(), width / 2, height / 2)?;
         let marks_grow = chroma_subsampled || self.layout != ColorLayout::Rgb8;
         if marks_grow {
-            self.marks.set(self.rule, frame);
+            self.marks.set(self.level, self.rule, frame);
         }
         let mut scratch = std::mem::take(&mut self.scratch);
         let all = Band {
@@ -201,23 +200,13 @@ impl Developer {
             let samples = &frame[y * row_bytes..][..row_bytes];
             let codes: &[[u8; 3]] = match self.rule {
                 MarkRule::Yuv(converter, order) => {
-                    self.rgb_row(&converter, order, samples, codes);
+                    converter.rgb_row(self.level, order, samples, codes);
                     codes
                 }
                 MarkRule::Rgb8 | MarkRule::Bayer => samples.as_chunks().0,
             };
             output.code_row(y, codes, marks_grow);
         }
-    }
-
-    fn rgb_row(
-        &self,
-        converter: &YuvConverter,
-        order: PairOrder,
-        samples: &[u8],
-        codes: &mut [[u8; 3]],
-    ) {
-        converter.rgb_row(order, samples.as_chunks().0, codes);
     }
 }
 
@@ -243,9 +232,9 @@ impl BandOutput<'_> {
         linear_row(*level, lanes, codes, &factor[y * width..][..*width], row);
         if marks_grow {
             marks.for_each_near(y, |marked| {
-                for (pixel, _) in row.iter_mut().zip(marked).filter(|(_, marked)| **marked) {
+                for (pixel, &marked) in row.iter_mut().zip(marked) {
                     // An invalid pixel stays without flags.
-                    pixel.0[3] |= (pixel.0[3] & LinearPixel::VALID) * LinearPixel::SATURATED;
+                    pixel.0[3] |= (pixel.0[3] & u16::from(marked)) << 1;
                 }
             });
         }
