@@ -205,7 +205,7 @@ impl Developer {
                 }
                 MarkRule::Rgb8 | MarkRule::Bayer => samples.as_chunks().0,
             };
-            output.code_row(y, codes, marks_grow);
+            output.code_row(y, codes, marks_grow, flags);
         }
     }
 }
@@ -219,7 +219,7 @@ struct BandOutput<'a> {
 }
 
 impl BandOutput<'_> {
-    fn code_row(&mut self, y: usize, codes: &[[u8; 3]], marks_grow: bool) {
+    fn code_row(&mut self, y: usize, codes: &[[u8; 3]], marks_grow: bool, flags: &mut [u8]) {
         let Developer {
             level,
             width,
@@ -231,12 +231,20 @@ impl BandOutput<'_> {
         let row = &mut self.pixels[(y - self.first_row) * width..][..*width];
         linear_row(*level, lanes, codes, &factor[y * width..][..*width], row);
         if marks_grow {
+            let mut has_any = false;
+            flags.fill(0);
             marks.for_each_near(y, |marked| {
-                for (pixel, &marked) in row.iter_mut().zip(marked) {
-                    // An invalid pixel stays without flags.
-                    pixel.0[3] |= (pixel.0[3] & u16::from(marked)) << 1;
+                has_any = true;
+                for (flag, &marked) in flags.iter_mut().zip(marked) {
+                    *flag |= u8::from(marked);
                 }
             });
+            if has_any {
+                for (pixel, &flag) in row.iter_mut().zip(flags.iter()) {
+                    // An invalid pixel stays without flags.
+                    pixel.0[3] |= (pixel.0[3] & u16::from(flag)) << 1;
+                }
+            }
         }
         self.grey_below(y);
     }
