@@ -273,7 +273,7 @@ impl BandOutput<'_> {
         let width = self.developer.width;
         let row = y - self.first_row;
         let half = width / 2;
-        if row % 2 == 0 || half == 0 {
+        if row.is_multiple_of(2) || half == 0 {
             return;
         }
         let (above, below) = self.pixels[(row - 1) * width..][..2 * width].split_at(width);
