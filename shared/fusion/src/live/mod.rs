@@ -319,9 +319,10 @@ impl LiveFusion {
     fn accept(&mut self, alignment: &Alignment, state: TrackState, time_nanos: i64) {
         let mut pose = self.view.world_from_camera * alignment.view_from_live;
         let change = self.motion.world_from_camera.inverse() * pose;
-        // A camera that stands still stays where it is (hard-cases C12).
-        if change.translation().length() < 1e-9
-            && geometry::rotation::log(change.rotation()).length() < 1e-9
+        // A camera that stands still stays where it is, or pairs that change sides at the border of a pixel make it
+        // wander (hard-cases C12).
+        if change.translation().length() < STANDSTILL
+            && geometry::rotation::log(change.rotation()).length() < STANDSTILL
         {
             pose = self.motion.world_from_camera;
         }
@@ -348,6 +349,9 @@ impl LiveFusion {
     }
 }
 
+/// Motion between two frames, metres and radians, that is none: a tenth of a millimetre is far below what the sensor
+/// shows, and what is left grows until it is seen.
+const STANDSTILL: f64 = 1e-4;
 /// Residuals of neighbouring points are alike, so the equations promise too much by about this factor.
 const CORRELATED_POINTS: f64 = 50.0;
 /// Standard deviation of a direction that nothing observes, metres at the root mean square radius: how far a hand

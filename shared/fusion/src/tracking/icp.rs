@@ -199,13 +199,15 @@ impl Icp {
             } else {
                 share *= 0.5;
             }
-            let best = best.as_ref()?;
+            let best = best.as_mut()?;
             let step = best.solution.step.map(|s| s * share);
             let length = step.iter().map(|s| s * s).sum::<f64>().sqrt();
+            pose = moved(&best.view_from_live, &step, center, radius)?;
             if !(length > self.config.least_step) {
+                // Too short to be worth a look, but a camera at rest comes to rest by it (hard-cases C12).
+                best.view_from_live = pose;
                 break;
             }
-            pose = moved(&best.view_from_live, &step, center, radius)?;
         }
         best
     }

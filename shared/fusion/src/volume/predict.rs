@@ -5,7 +5,8 @@ use glam::{Mat3A, Vec3A};
 use rayon::prelude::*;
 
 use super::Volume;
-use super::key::{BLOCK_EDGE, BLOCK_SHIFT, BLOCK_VOXELS};
+use super::allocate::whole_below;
+use super::key::{BLOCK_EDGE, BLOCK_SHIFT};
 use super::ranges::{TILE, Tiles};
 use super::sampler::{FieldSample, Sampler};
 use crate::model_view::{DepthRange, ModelView, Surfel};
@@ -111,6 +112,7 @@ impl Volume {
                     march: self.march(min_weight),
                     first_row: line * TILE,
                     width,
+                    has_color: self.has_color(),
                 };
                 for (column, range) in ranges.iter().enumerate() {
                     band.predict_tile(column * TILE, range, surfels);
@@ -141,6 +143,7 @@ struct Band<'a> {
     march: March,
     first_row: usize,
     width: usize,
+    has_color: bool,
 }
 
 impl Band<'_> {
@@ -154,10 +157,13 @@ impl Band<'_> {
             let start = self.rays.forward + y as f32 * self.rays.down;
             for (x, surfel) in (first..last).zip(&mut surfels[first..last]) {
                 let ray = Ray::new(self.rays.eye, start + x as f32 * self.rays.right);
-                *surfel = match first_surface(&mut self.sampler, &ray, &self.march) {
-                    Some((z, sample)) => self.rays.surfel(x, y, z, &sample),
-                    None => Surfel::NONE,
-                };
+                *surfel = Surfel::NONE;
+                if let Some((z, sample)) = first_surface(&mut self.sampler, &ray, &self.march) {
+                    *surfel = self.rays.surfel(x, y, z, &sample);
+                    if self.has_color {
+                        surfel.grey = self.sampler.luminance(ray.at(z));
+                    }
+                }
             }
         }
     }
@@ -186,16 +192,14 @@ fn first_surface(
     while z < march.farthest {
         // The nearest voxel: half a voxel off at most, and the crossing is refined.
         let point = ray.at(z) + 0.5;
-        let voxel = point.floor().as_ivec3();
-        let block = sampler.block((voxel >> BLOCK_SHIFT).to_array());
-        let Some(block) = block else {
+        let voxel = whole_below(point);
+        let Some(block) = sampler.block(voxel.map(|v| v >> BLOCK_SHIFT)) else {
             before = None;
             z += (way_out_of_block(point, ray) * ray.z_per_voxel).max(shortest);
             continue;
         };
-        let [x, y, place_z] = (voxel & (BLOCK_EDGE as i32 - 1)).to_array();
-        let index = (x | y << BLOCK_SHIFT | place_z << (2 * BLOCK_SHIFT)) as usize;
-        let tsdf = block.tsdf[index & (BLOCK_VOXELS - 1)];
+        let [x, y, place_z] = voxel.map(|v| v as usize % BLOCK_EDGE);
+        let tsdf = block.tsdf[x | y << BLOCK_SHIFT | place_z << (2 * BLOCK_SHIFT)];
         if tsdf.is_sign_negative() {
             if let Some(before) = before
                 && let Some(found) = refine(sampler, ray, march, before, (z, tsdf))
@@ -233,8 +237,8 @@ fn refine(
     let (low, high) = (z_before - slack, z_behind + slack);
     let mut z = z_before + (z_behind - z_before) * tsdf_before / (tsdf_before - tsdf_behind);
     for _ in 0..MOST_CORRECTIONS {
-        let sample = sampler.sample(ray.at(z).to_array(), march.min_weight)?;
-        let gradient = Vec3A::from_array(sample.gradient);
+        let sample = sampler.sample(ray.at(z), march.min_weight)?;
+        let gradient = sample.gradient;
         // Change of the value per metre of z: falls where the ray enters a surface.
         let fall = -gradient.dot(ray.slope);
         let is_slope = gradient.length() * march.truncation_voxels > LEAST_GRADIENT;
@@ -300,15 +304,15 @@ impl VoxelRays {
         Vec3A::from_array(local)
     }
 
-    /// Depth of a point in voxels, metres.
-    pub(super) fn depth(&self, point: Vec3A) -> f32 {
-        (self.homogeneous_from_voxels * (point - self.eye)).z
+    /// Homogeneous pixel (u·z, v·z, z) of a point in voxels.
+    pub(super) fn homogeneous(&self, point: Vec3A) -> Vec3A {
+        self.homogeneous_from_voxels * (point - self.eye)
     }
 
-    /// Depth from the middle of a box of half extent `half` voxels to its nearest corner, metres.
-    pub(super) fn depth_reach(&self, half: f32) -> f32 {
-        let [x, y, z] = self.columns().map(|column| column.z.abs());
-        half * (x + y + z)
+    /// Change of the homogeneous pixel per voxel along x, y, z.
+    pub(super) fn voxel_steps(&self) -> [Vec3A; 3] {
+        let matrix = &self.homogeneous_from_voxels;
+        [matrix.x_axis, matrix.y_axis, matrix.z_axis]
     }
 
     /// Whether a ball of `radius` voxels may reach into the image.
@@ -317,29 +321,10 @@ impl VoxelRays {
         self.sides.iter().all(|side| side.dot(from_eye) > -radius)
     }
 
-    /// Least and greatest pixel of a box about `middle`, which lies in front of the camera.
-    pub(super) fn pixel_box(&self, middle: Vec3A, half: f32) -> ([f32; 2], [f32; 2]) {
-        let at = self.homogeneous_from_voxels * (middle - self.eye);
-        let [x, y, z] = self.columns().map(|column| column * half);
-        let (mut low, mut high) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
-        for corner in 0..8_u8 {
-            let sign = |axis: u8| if corner >> axis & 1 == 1 { 1.0 } else { -1.0 };
-            let at = at + sign(0) * x + sign(1) * y + sign(2) * z;
-            let pixel = at / at.z;
-            (low, high) = (low.min(pixel), high.max(pixel));
-        }
-        ([low.x, low.y], [high.x, high.y])
-    }
-
-    fn columns(&self) -> [Vec3A; 3] {
-        let matrix = &self.homogeneous_from_voxels;
-        [matrix.x_axis, matrix.y_axis, matrix.z_axis]
-    }
-
     /// The surfel of pixel (`x`, `y`) at depth `z`.
     fn surfel(&self, x: usize, y: usize, z: f32, sample: &FieldSample) -> Surfel {
         let slope = (DVec2::new(x as f64, y as f64) - self.center) / self.focal;
-        let normal = self.camera_from_volume * Vec3A::from_array(sample.gradient).normalize();
+        let normal = self.camera_from_volume * sample.gradient.normalize();
         Surfel {
             position: [slope.x as f32 * z, slope.y as f32 * z, z],
             grey: 0.0,

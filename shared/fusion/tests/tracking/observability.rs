@@ -1,6 +1,6 @@
 //! Which directions are observed (hard-cases C01 to C03, C05).
 
-use fusion::Level;
+use fusion::{Level, ModelView};
 use fusion::kernels::icp::{IcpStep, IcpSums, ModelPixels, sum_tile};
 use fusion::tracking::equations::NormalEquations;
 use fusion::tracking::{Alignment, Icp, IcpConfig, IcpInput, Photometric};
@@ -21,12 +21,22 @@ fn motion(frame: usize) -> Pose {
 }
 
 fn aligned(surface: Distance, live: &Pose, normal_sigma: f64) -> Alignment {
+    let view = shapes::view(
+        surface,
+        &shapes::camera(),
+        &Pose::IDENTITY,
+        normal_sigma,
+        |_| 0.0,
+    );
+    aligned_with(&view, surface, live)
+}
+
+fn aligned_with(view: &ModelView, surface: Distance, live: &Pose) -> Alignment {
     let camera = shapes::camera();
-    let view = shapes::view(surface, &camera, &Pose::IDENTITY, normal_sigma, |_| 0.0);
     let points = shapes::points(&shapes::depth(surface, &camera, live), &camera);
     let input = IcpInput {
         points: &points,
-        view: &view,
+        view,
         grey: None,
     };
     let mut icp = Icp::new(IcpConfig::default());
@@ -49,8 +59,9 @@ fn hc_c01_directions_that_slide_keep_the_prediction() {
     let tolerance = 1e-6;
     let (mut worst, mut naive_worst) = (0.0_f64, 0.0_f64);
     for (name, surface, null) in SURFACES {
+        let view = shapes::view(surface, &shapes::camera(), &Pose::IDENTITY, 0.01, |_| 0.0);
         for frame in 0..30 {
-            let found = aligned(surface, &motion(frame), 0.01);
+            let found = aligned_with(&view, surface, &motion(frame));
             let rank = found.solution.rank;
             // From one side less can be seen than of the whole surface.
             assert!(rank <= 6 - null, "{name}, frame {frame}: {rank}");
@@ -76,10 +87,10 @@ fn hc_c01_directions_that_slide_keep_the_prediction() {
 fn hc_c01_a_camera_in_front_of_a_plane_does_not_slide() {
     // 30 frames one after the other; the prediction says rest, and nothing says otherwise.
     let mut pose = Pose::IDENTITY;
+    let camera = shapes::camera();
+    let view = shapes::view(shapes::PLANE, &camera, &Pose::IDENTITY, 0.0, |_| 0.0);
     for frame in 0..30 {
-        let camera = shapes::camera();
         let live = Pose::from_translation(DVec3::new(0.0, 0.0, 0.002 * f64::from(frame % 3)));
-        let view = shapes::view(shapes::PLANE, &camera, &Pose::IDENTITY, 0.0, |_| 0.0);
         let points = shapes::points(&shapes::depth(shapes::PLANE, &camera, &live), &camera);
         let input = IcpInput {
             points: &points,
