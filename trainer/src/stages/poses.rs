@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use anyhow::Context as _;
 use geometry::{DVec3, Pose};
 use glam::DQuat;
-use sequence::{PoseState, Recording, StoredPoses};
+use sequence::{FramePose, PoseState, Recording};
 use serde::{Deserialize, Serialize};
 
 use super::Refusal;
@@ -85,7 +85,9 @@ pub fn run(
     progress: &Progress,
 ) -> anyhow::Result<Vec<PosedFrame>> {
     let started_from = if set == REFINED {
-        let known = STARTS.into_iter().find(|set| recording.poses(set).is_some());
+        let known = STARTS
+            .into_iter()
+            .find(|set| recording.poses(set).is_some());
         known.ok_or(Refusal::NoStart)?
     } else {
         set
@@ -93,6 +95,8 @@ pub fn run(
     let mut frames = training_frames(recording, started_from)?;
     let mut summary = summary_of(recording, set, started_from, frames.len());
     if set == REFINED {
+        // A file may list them in another order; neighbours are what is compared.
+        frames.sort_by_key(|frame| frame.index);
         let start = start_frames(recording, started_from, &frames)?;
         let refinement = refine(recording, &start, &mut |done, of| progress.step(done, of))?;
         tracing::info!("{}", refinement.summary.reason);
@@ -127,11 +131,17 @@ pub fn poses_of_run(
     let mut poses = vec![None; recording.frame_count()];
     for stored in stored {
         let [x, y, z, w] = stored.rotation;
-        let pose = Pose::new(DQuat::from_xyzw(x, y, z, w), DVec3::from(stored.translation))
-            .with_context(|| format!("{REFINED_FILE} holds no pose for frame {}", stored.frame))?;
+        let pose = Pose::new(
+            DQuat::from_xyzw(x, y, z, w),
+            DVec3::from(stored.translation),
+        )
+        .with_context(|| format!("{REFINED_FILE} holds no pose for frame {}", stored.frame))?;
         let place = poses.get_mut(stored.frame);
         *place.with_context(|| {
-            format!("{REFINED_FILE} names frame {}, which the recording lacks", stored.frame)
+            format!(
+                "{REFINED_FILE} names frame {}, which the recording lacks",
+                stored.frame
+            )
         })? = Some(pose);
     }
     Ok(poses)
@@ -165,10 +175,11 @@ pub fn training_frames_at(recording: &Recording, poses: &[Option<Pose>]) -> Vec<
         .collect()
 }
 
-/// The stored set of a name.
-fn stored_set<'a>(recording: &'a Recording, set: &str) -> Option<&'a StoredPoses> {
+/// The stored poses of a set.
+fn stored_poses<'a>(recording: &'a Recording, set: &str) -> &'a [FramePose] {
     let sets = &recording.contents().pose_sets;
-    sets.iter().find(|stored| stored.head.name == set)
+    let stored = sets.iter().find(|stored| stored.head.name == set);
+    stored.map_or(&[], |stored| &stored.poses)
 }
 
 /// Number of a frame's depth image, by which stored poses name it.
@@ -192,10 +203,8 @@ fn summary_of(
         unknown_count: 0,
         refinement: None,
     };
-    let stored = stored_set(recording, started_from);
-    let states: BTreeMap<u64, PoseState> = stored
+    let states: BTreeMap<u64, PoseState> = stored_poses(recording, started_from)
         .iter()
-        .flat_map(|stored| &stored.poses)
         .map(|pose| (pose.number, pose.state))
         .collect();
     let poses = recording.poses(started_from).unwrap_or_default();
@@ -205,7 +214,9 @@ fn summary_of(
             continue;
         }
         let number = (index < recording.frame_count()).then(|| number_of(recording, index));
-        let state = number.and_then(Result::ok).and_then(|number| states.get(&number));
+        let state = number
+            .and_then(Result::ok)
+            .and_then(|number| states.get(&number));
         match state {
             Some(PoseState::Lost) => summary.lost_count += 1,
             Some(_) => summary.other_map_count += 1,
@@ -234,17 +245,20 @@ fn start_frames(
     set: &str,
     frames: &[PosedFrame],
 ) -> anyhow::Result<Vec<StartFrame>> {
-    let stored = stored_set(recording, set);
-    let covariances: BTreeMap<u64, [f32; 21]> = stored
+    let covariances: BTreeMap<u64, [f32; 21]> = stored_poses(recording, set)
         .iter()
-        .flat_map(|stored| &stored.poses)
         .filter_map(|pose| Some((pose.number, pose.covariance?)))
         .collect();
+    let poses = recording.poses(set).unwrap_or_default();
+    let mut next = 0;
     frames
         .iter()
         .map(|frame| {
             let number = number_of(recording, frame.index)?;
+            let between = poses.get(next..frame.index).unwrap_or_default();
+            next = frame.index + 1;
             Ok(StartFrame {
+                follows_lost: between.iter().any(Option::is_none),
                 index: frame.index,
                 world_from_camera: frame.world_from_camera,
                 covariance: covariances.get(&number).copied(),
