@@ -133,8 +133,10 @@ impl Measurement {
             None => "no point of the front errs 1 % less".to_owned(),
         };
         format!(
-            "default: {:.3} {cost}, {:.4} {error}, on the front: {}; {going_on}",
-            place.0, place.1, default.front
+            "default: {} {cost}, {} {error}, on the front: {}; {going_on}",
+            digits(place.0),
+            digits(place.1),
+            default.front
         )
     }
 }
@@ -179,5 +181,29 @@ fn candidate(subject: &Subject, point: &PointResult) -> Candidate {
     Candidate {
         costs: costs.collect(),
         blocks: (0..block_count.unwrap_or(0)).map(block).collect(),
+    }
+}
+
+/// Four digits, or all in front of the point.
+pub(super) fn digits(value: f64) -> String {
+    let before = value.abs().max(1e-9).log10().floor() as i32 + 1;
+    let behind = usize::try_from((4 - before).clamp(0, 6)).unwrap_or(0);
+    format!("{value:.behind$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_have_four_digits() {
+        for (value, text) in [
+            (123_456.7, "123457"),
+            (12.345_6, "12.35"),
+            (0.012_345, "0.01235"),
+            (0.0, "0.000000"),
+        ] {
+            assert_eq!(digits(value), text);
+        }
     }
 }
