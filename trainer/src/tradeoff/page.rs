@@ -59,7 +59,7 @@ pub(super) fn html(measurement: &Measurement, svg: &str) -> String {
                         @for column in &columns { th { (column.label) } }
                         th { "core-seconds of a run" } th { "steal, %" } th { "load" }
                     } }
-                    tbody { @for point in &measurement.points { (row(point, &columns)) } }
+                    tbody { @for point in &measurement.points { (row(measurement, point, &columns)) } }
                 }
                 p.soft { "A click on a head sorts. The command of a point is shown where the pointer rests on its name." }
             } script { (PreEscaped(SORT)) } }
@@ -68,7 +68,7 @@ pub(super) fn html(measurement: &Measurement, svg: &str) -> String {
     page.into_string()
 }
 
-fn row(point: &PointResult, columns: &[&Axis]) -> Markup {
+fn row(measurement: &Measurement, point: &PointResult, columns: &[&Axis]) -> Markup {
     let is_ok = point.status == Some(PointStatus::Ok);
     let status = point.status.map_or("not run".to_owned(), |s| s.to_string());
     let command = point.runs.first().map(|run| run.command.join(" "));
@@ -80,7 +80,9 @@ fn row(point: &PointResult, columns: &[&Axis]) -> Markup {
         tr {
             td title=(command.unwrap_or_default()) { (point.name) }
             td.bad[!is_ok] title=(point.reason()) { (status) }
-            td class=(point.front) { (point.front) }
+            td class=(point.front) title=(measurement.no_candidate(point).unwrap_or_default()) {
+                @if measurement.no_candidate(point).is_some() { "no candidate" } @else { (point.front) }
+            }
             @for column in columns { (cell(point.median(column.key))) }
             (cell(Some(mean(&|run| run.cost.core_s()))))
             (cell(Some(mean(&|run| 100.0 * run.cost.steal_fraction))))

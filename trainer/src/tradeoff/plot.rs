@@ -196,7 +196,7 @@ fn axes(svg: &mut String, x: &Scale, y: &Scale, measurement: &Measurement) {
     let machine = measurement.beginning.machine.to_string();
     text(svg, LEFT, bottom + 62.0, "soft", &machine);
     let run = format!(
-        "{} repetitions, seed {}; dots: runs; large: medians; brown: on the front, ring: the default; crosses at the top: failed; hollow: under 95 % tracked",
+        "{} repetitions, seed {}; dots: runs; large: medians; brown: on the front, ring: the default; crosses at the top: failed; hollow: no candidate",
         measurement.beginning.repetitions, measurement.beginning.seed
     );
     text(svg, LEFT, bottom + 80.0, "soft", &run);
@@ -260,20 +260,22 @@ fn markers(svg: &mut String, measurement: &Measurement, drawn: &[Drawn<'_>]) {
 
 fn marker(svg: &mut String, measurement: &Measurement, place: &Drawn<'_>) {
     let point = place.point;
-    let class = match (measurement.is_hollow(point), point.front) {
-        (true, _) => "hollow",
-        (false, OnFront::No) => "off",
-        (false, OnFront::Sure | OnFront::Maybe) => "on",
+    let reason = measurement.no_candidate(point);
+    let class = match (reason, point.front) {
+        (Some(_), _) => "hollow",
+        (None, OnFront::No) => "off",
+        (None, OnFront::Sure | OnFront::Maybe) => "on",
     };
     let (cx, cy) = (place.x, place.y);
     let title = format!(
-        "{}: {} {}, {} {}, on the front: {}",
+        "{}: {} {}, {} {}, on the front: {}{}",
         point.name,
         digits(place.cost),
         measurement.subject.cost.label,
         digits(place.error),
         measurement.subject.error.label,
-        point.front
+        point.front,
+        reason.map_or_else(String::new, |reason| format!(" ({reason})"))
     );
     let title = escaped(&title);
     let _ = write!(
