@@ -54,6 +54,7 @@ def write_dump(path, folder):
                 out.write(HEADER.pack(width, height, len(FRAMES), k[0, 0], k[1, 1], k[0, 2], k[1, 2]))
             out.write(np.loadtxt(f"{stem}.pose.txt").astype("<f8").tobytes())
             out.write(np.where(depth == INVALID, 0, depth).astype("<u2").tobytes())
+            out.write(np.asarray(Image.open(f"{stem}.color.jpg").convert("RGB")).astype("u1").tobytes())
 
 
 def read_dump(path):

@@ -1,15 +1,21 @@
 //! Fuses a dump of depth frames and prints what it cost, as one line of JSON.
 //!
-//! `fuse_folder DUMP [--voxel-mm 5] [--truncation-voxels 8] [--min-weight 3] [--threads 1] [--mesh OUT.ply]`
+//! `fuse_folder DUMP [--voxel-mm 5] [--truncation-voxels 8] [--min-weight 3] [--threads 1] [--mesh OUT.ply]
+//! [--color yes] [--predict 320]`
 //!
 //! DUMP, little-endian: u32 width, height, frame count; f64 fx, fy, cx, cy; per frame 16 f64 (4x4
-//! `world_from_camera`, row-major, metres) and width·height u16 (depth in millimetres; 0 and 65535 = none).
+//! `world_from_camera`, row-major, metres), width·height u16 (depth in millimetres; 0 and 65535 = none) and
+//! width·height · 3 u8 (red, green, blue, taken as sRGB and as registered).
 //! `tests/peers/fusion_open3d.py` writes such a file.
+//!
+//! `--color yes` fuses colour too. `--predict WIDTH` predicts the model from each pose before its frame is
+//! fused, at that width; the time of it stands apart.
 
 use std::io::{BufWriter, Read as _, Write as _};
 
-use fusion::{Mesh, MeshConfig, Volume, VolumeConfig, extract_mesh};
+use fusion::{Mesh, MeshConfig, ModelView, Volume, VolumeConfig, extract_mesh};
 use geometry::{DMat3, DVec3, Intrinsics, Pose};
+use imaging::{LinearPixel, Srgb8};
 use rustix::time::{ClockId, clock_gettime};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
@@ -21,6 +27,8 @@ struct Arguments {
     min_weight: f32,
     threads: usize,
     mesh: Option<String>,
+    has_color: bool,
+    predict_width: Option<u32>,
 }
 
 fn main() -> Result<(), Failure> {
@@ -40,6 +48,8 @@ fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> 
         min_weight: 3.0,
         threads: 1,
         mesh: None,
+        has_color: false,
+        predict_width: None,
     };
     while let Some(flag) = words.next() {
         let value = words
@@ -51,6 +61,8 @@ fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> 
             "--min-weight" => arguments.min_weight = value.parse()?,
             "--threads" => arguments.threads = value.parse()?,
             "--mesh" => arguments.mesh = Some(value),
+            "--color" => arguments.has_color = value == "yes",
+            "--predict" => arguments.predict_width = Some(value.parse()?),
             _ => return Err(format!("unknown flag {flag}").into()),
         }
     }
@@ -72,20 +84,43 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         ..VolumeConfig::default()
     })?;
 
-    let mut raw = vec![0u8; 2 * width as usize * height as usize];
+    let pixel_count = width as usize * height as usize;
+    let mut raw_depth = vec![0u8; 2 * pixel_count];
+    let mut raw_color = vec![0u8; 3 * pixel_count];
+    let linear = linear_codes();
     let mut frame_ms = Vec::new();
+    let seen = arguments.predict_width.map(|to| scaled(&camera, to));
+    let mut prediction = seen.transpose()?.map(|seen| Prediction {
+        view: ModelView::new(&seen, &Pose::IDENTITY),
+        frame_ms: Vec::new(),
+        surface_count: 0,
+    });
     for _ in 0..frame_count {
         let m = read_f64s::<16>(&mut file)?;
         let rotation =
             DMat3::from_cols_array(&[m[0], m[4], m[8], m[1], m[5], m[9], m[2], m[6], m[10]]);
         let world_from_camera = Pose::from_matrix(rotation, DVec3::new(m[3], m[7], m[11]))?;
-        file.read_exact(&mut raw)?;
-        let depth: Vec<f32> = raw
+        file.read_exact(&mut raw_depth)?;
+        file.read_exact(&mut raw_color)?;
+        let depth: Vec<f32> = raw_depth
             .chunks_exact(2)
             .map(|b| metres(u16::from_le_bytes([b[0], b[1]])))
             .collect();
+        let color: Vec<LinearPixel> = raw_color
+            .chunks_exact(3)
+            .map(|c| {
+                LinearPixel::from_radiance([0, 1, 2].map(|n| linear[usize::from(c[n])]), false)
+            })
+            .collect();
+        if let Some(prediction) = &mut prediction {
+            prediction.measure(&volume, &world_from_camera);
+        }
         let start = process_ms();
-        volume.integrate(&depth, &camera, &world_from_camera)?;
+        if arguments.has_color {
+            volume.integrate_colored(&depth, &color, &camera, &world_from_camera)?;
+        } else {
+            volume.integrate(&depth, &camera, &world_from_camera)?;
+        }
         frame_ms.push(process_ms() - start);
     }
     let start = process_ms();
@@ -99,19 +134,67 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.mesh {
         write_ply(&mesh, path)?;
     }
-    frame_ms.sort_by(f64::total_cmp);
-    let total: f64 = frame_ms.iter().sum();
+    let (total, median) = total_and_median(&mut frame_ms);
+    let (predict_total, predict_median, surface_count) = match &mut prediction {
+        Some(prediction) => {
+            let (total, median) = total_and_median(&mut prediction.frame_ms);
+            (total, median, prediction.surface_count)
+        }
+        None => (0.0, 0.0, 0),
+    };
     println!(
-        "{{\"frames\": {}, \"core_ms_total\": {total:.1}, \"core_ms_median\": {:.2}, \"blocks\": {}, \
-         \"refused\": {}, \"mesh_core_ms\": {mesh_ms:.1}, \"vertices\": {}, \"triangles\": {}}}",
+        "{{\"frames\": {}, \"core_ms_total\": {total:.1}, \"core_ms_median\": {median:.2}, \"blocks\": {}, \
+         \"refused\": {}, \"memory_bytes\": {}, \"predict_core_ms_total\": {predict_total:.1}, \
+         \"predict_core_ms_median\": {predict_median:.2}, \"predicted_surfels\": {surface_count}, \
+         \"mesh_core_ms\": {mesh_ms:.1}, \"vertices\": {}, \"triangles\": {}}}",
         frame_ms.len(),
-        frame_ms.get(frame_ms.len() / 2).copied().unwrap_or(0.0),
         volume.block_count(),
         volume.refused_count(),
+        volume.memory_bytes(),
         mesh.positions.len(),
         mesh.triangles.len()
     );
     Ok(())
+}
+
+/// The model seen before each frame, and what that cost.
+struct Prediction {
+    view: ModelView,
+    frame_ms: Vec<f64>,
+    /// Over all frames.
+    surface_count: usize,
+}
+
+impl Prediction {
+    fn measure(&mut self, volume: &Volume, world_from_camera: &Pose) {
+        let camera = self.view.camera;
+        let start = process_ms();
+        volume.predict(&camera, world_from_camera, &mut self.view);
+        self.frame_ms.push(process_ms() - start);
+        self.surface_count += self.view.surface_count();
+    }
+}
+
+/// The camera at another width; pixel centres keep their rays' spread.
+fn scaled(camera: &Intrinsics, width: u32) -> Result<Intrinsics, geometry::camera::CameraError> {
+    let scale = f64::from(width) / f64::from(camera.width());
+    let height = (f64::from(camera.height()) * scale).round() as u32;
+    let (focal, center) = (
+        camera.focal() * scale,
+        (camera.center() + 0.5) * scale - 0.5,
+    );
+    Intrinsics::pinhole(width, height, focal.x, focal.y, center.x, center.y)
+}
+
+/// Linear radiance of every 8-bit code.
+fn linear_codes() -> [f32; 256] {
+    std::array::from_fn(|code| Srgb8([code as u8; 3]).to_linear()[0])
+}
+
+fn total_and_median(values: &mut [f64]) -> (f64, f64) {
+    values.sort_by(f64::total_cmp);
+    let median = values.get(values.len() / 2).copied().unwrap_or(0.0);
+    (values.iter().sum(), median)
 }
 
 fn metres(millimetres: u16) -> f32 {

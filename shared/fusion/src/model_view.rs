@@ -44,6 +44,23 @@ pub struct ModelView {
     /// Least weight of the eight voxels about a surface point; 0 asks only that all were observed. Kept by
     /// [`crate::Volume::predict`].
     pub min_weight: f32,
+    /// Scratch of a prediction: where along the rays of each tile surface can be.
+    pub(crate) ranges: Vec<DepthRange>,
+}
+
+/// Depths between which a tile's rays can meet surface, metres; empty when the first exceeds the second.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DepthRange {
+    pub(crate) nearest: f32,
+    pub(crate) farthest: f32,
+}
+
+impl DepthRange {
+    /// No surface.
+    pub(crate) const EMPTY: Self = Self {
+        nearest: f32::INFINITY,
+        farthest: f32::NEG_INFINITY,
+    };
 }
 
 impl ModelView {
@@ -54,6 +71,7 @@ impl ModelView {
             world_from_camera: *world_from_camera,
             surfels: Vec::new(),
             min_weight: 0.0,
+            ranges: Vec::new(),
         };
         view.reset(camera, world_from_camera);
         view

@@ -43,43 +43,10 @@ impl Default for DepthTolerance {
 /// camera); the output is the mean of those. No measurement in, no measurement out; a step edge gives one of
 /// its sides, never a depth between (hard-cases B04).
 pub fn half_depth(depth: &DepthImage, tolerance: DepthTolerance) -> DepthImage {
-    let mut half = Image::new(depth.width() / 2, depth.height() / 2, NO_DEPTH);
-    for y in 0..half.height() {
-        let (top, bottom) = (depth.row(2 * y), depth.row(2 * y + 1));
-        half_depth_row(top, bottom, tolerance, half.row_mut(y));
-    }
-    half
-}
-
-/// One row of [`half_depth`] from the two rows above each other that it covers; `out` is half as long.
-pub fn half_depth_row(top: &[f32], bottom: &[f32], tolerance: DepthTolerance, out: &mut [f32]) {
-    for ((out, top), bottom) in out
-        .iter_mut()
-        .zip(top.chunks_exact(2))
-        .zip(bottom.chunks_exact(2))
-    {
-        let block = [top[0], top[1], bottom[0], bottom[1]];
-        let (low, high) = bounds(block);
-        // All four agree with each other: the usual case, and the same mean.
-        *out = if low > 0.0 && high.is_finite() && high - low <= tolerance.at(low) {
-            (block.iter().map(|&d| f64::from(d)).sum::<f64>() / 4.0) as f32
-        } else {
-            masked_mean(block, tolerance)
-        };
-    }
-}
-
-/// Least and largest; a NaN makes the least negative.
-fn bounds(block: [f32; 4]) -> (f32, f32) {
-    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-    for depth in block {
-        if depth.is_nan() {
-            return (-1.0, high);
-        }
-        low = low.min(depth);
-        high = high.max(depth);
-    }
-    (low, high)
+    Image::from_fn(depth.width() / 2, depth.height() / 2, |x, y| {
+        let block = block_of(depth, x, y);
+        masked_mean(block, tolerance)
+    })
 }
 
 /// `depth` and its half sizes, `level_count` images in all (at least one); stops early when a side would
@@ -138,20 +105,31 @@ fn block_of<T: Copy>(image: &Image<T>, x: u32, y: u32) -> [T; 4] {
 }
 
 fn masked_mean(block: [f32; 4], tolerance: DepthTolerance) -> f32 {
-    let mut best = (0, f32::INFINITY, NO_DEPTH);
+    let (mut count, mut sum) = (0.0, 0.0_f64);
+    for (depth, agrees) in block.into_iter().zip(agreeing(block, tolerance)) {
+        if agrees {
+            sum += f64::from(depth);
+            count += 1.0;
+        }
+    }
+    if count > 0.0 {
+        (sum / count) as f32
+    } else {
+        NO_DEPTH
+    }
+}
+
+/// Which of four samples (metres) are one surface: those within the tolerance of the sample that most of them
+/// agree with, of equals the nearest to the camera. None where nothing is measured.
+pub fn agreeing(block: [f32; 4], tolerance: DepthTolerance) -> [bool; 4] {
+    let mut best = (0, f32::INFINITY, [false; 4]);
     for center in block.into_iter().filter(|&d| is_measured(d)) {
         let reach = tolerance.at(center);
-        let (mut count, mut sum) = (0, 0.0_f64);
-        for near in block
-            .into_iter()
-            .filter(|&d| is_measured(d) && (d - center).abs() <= reach)
-        {
-            count += 1;
-            sum += f64::from(near);
-        }
+        let agrees = block.map(|d| is_measured(d) && (d - center).abs() <= reach);
         // `count` is 0 when the tolerance is not a number: then nothing is averaged and nothing invented.
+        let count = agrees.iter().filter(|&&agrees| agrees).count();
         if count > best.0 || (count == best.0 && count > 0 && center < best.1) {
-            best = (count, center, (sum / f64::from(count)) as f32);
+            best = (count, center, agrees);
         }
     }
     best.2

@@ -157,10 +157,9 @@ impl LiveFusion {
             grey.finish();
         }
         std::mem::swap(&mut self.now, &mut self.before);
-        let level = self.points.levels().last().expect("a pyramid has a level");
         let image = self.grey.as_ref().filter(|_| self.has_grey);
         let image = image.and_then(|grey| grey.levels.get(1).or(grey.levels.first()));
-        self.now.load(&level.depth, image.map(|(_, image)| image));
+        self.now.load(self.points.depth(), image.map(|(_, image)| image));
     }
 
     /// Finds the camera. Call after the frame was loaded.
@@ -169,7 +168,7 @@ impl LiveFusion {
             .points
             .levels()
             .first()
-            .is_some_and(|level| level.points.len() as f64 >= self.config.gates.least_inliers);
+            .is_some_and(|level| level.points.measured_count() as f64 >= self.config.gates.least_inliers);
         self.tracked.is_relocalised = false;
         if !is_measured {
             return self.lose(time_nanos);

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::equations::{NormalEquations, Solution};
 use super::photometric::{GreyFrame, Photometric};
-use super::points::{PackedPoints, PointPyramid};
+use super::points::{PointGrid, PointPyramid};
 use crate::kernels::Level;
 use crate::kernels::icp::{IcpStep, IcpSums, ModelPixels, sum_tile};
 use crate::model_view::ModelView;
@@ -75,7 +75,7 @@ pub struct Alignment {
     pub sums: IcpSums,
     /// Points of the last pass.
     pub point_count: usize,
-    /// Robust cost per point of the last pass, 0 to 1; a point without a pair costs 1.
+    /// Robust cost per point that met the model in the last pass, 0 to 1; one too far from it costs 1.
     pub cost: f64,
     /// The equations at that pose, geometry and photometry.
     pub equations: NormalEquations,
@@ -159,9 +159,9 @@ impl Icp {
         let levels = input.points.levels();
         let level = pass.level.min(levels.len().checked_sub(1)?);
         let points = &levels[level].points;
-        let (live_center, radius) = points.centroid()?;
-        let radius = radius.max(1e-3);
-        let center = start.transform_point(live_center);
+        let extent = input.points.extent()?;
+        let radius = extent.radius.max(1e-3);
+        let center = start.transform_point(extent.center);
         let threshold = self.config.observed_threshold();
 
         let mut best: Option<Alignment> = None;
@@ -169,8 +169,9 @@ impl Icp {
         let mut share = 1.0;
         for _ in 0..pass.iterations.max(1) {
             let sums = self.sum(points, input.view, &pose, center, pass);
-            let unpaired = points.len() as f64 - f64::from(sums.pair_count);
-            let cost = (sums.cost + unpaired) / points.len() as f64;
+            // Points that leave the view are no loss; those that meet a surface elsewhere are.
+            let met = f64::from(sums.met_count);
+            let cost = (sums.cost + met - f64::from(sums.pair_count)) / met.max(1.0);
             if best.as_ref().is_none_or(|best| cost <= best.cost) {
                 share = 1.0;
                 let mut equations =
@@ -187,7 +188,7 @@ impl Icp {
                 best = Some(Alignment {
                     view_from_live: pose,
                     sums,
-                    point_count: points.len(),
+                    point_count: points.measured_count(),
                     cost,
                     equations,
                     solution,
@@ -211,7 +212,7 @@ impl Icp {
 
     fn sum(
         &mut self,
-        points: &PackedPoints,
+        points: &PointGrid,
         view: &ModelView,
         pose: &Pose,
         center: DVec3,

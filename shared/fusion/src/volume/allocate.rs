@@ -17,6 +17,8 @@ const RAYS_PER_TRUNCATION: f32 = 2.0;
 const STRIDES: [usize; 2] = [4, 2];
 /// Pixels that are tested together for depth edges.
 const CHUNK: usize = 16;
+/// Depth steps by which neighbours on one surface may differ: less is noise and no depth edge.
+const NOISE_STEPS: f32 = 1.5;
 /// Bit of a touched key, above the 63 bits of the key itself: more than one ray met the block.
 const REPEATED: u64 = 1 << 63;
 
@@ -41,6 +43,8 @@ pub(super) struct BlockRays {
     pub half_samples: usize,
     /// Metres of z between samples.
     pub sample_step: f32,
+    /// Resolution of depth at 1 m, metres; it grows with z².
+    pub depth_step: f32,
 }
 
 /// Finds the blocks that a frame's rays meet; its buffers are reused from frame to frame.
@@ -203,16 +207,19 @@ impl Band {
         self.followed.clear();
         let [coarse, fine] = grids;
         let start = rays.forward + y as f32 * rays.down;
-        let is_on_grid = y & fine.mask == 0;
+        let is_on_grid =
+            y & coarse.mask == 0 || y & fine.mask == 0 && has_far(row, coarse.farthest);
         // The difference from which a pixel off the grid counts.
+        let noise_at_one_metre = NOISE_STEPS * rays.depth_step;
         let limit = |depth: f32| {
-            if depth < coarse.farthest {
+            let noise = noise_at_one_metre * depth * depth;
+            let jump = if depth < coarse.farthest {
                 coarse.jump
-            } else if depth < fine.farthest {
-                fine.jump
             } else {
-                0.0
-            }
+                fine.jump
+            };
+            let limit = if jump > noise { jump } else { noise };
+            if depth < fine.farthest { limit } else { 0.0 }
         };
         for (chunk, (depths, jumps)) in row.chunks(CHUNK).zip(self.jumps.chunks(CHUNK)).enumerate()
         {
@@ -278,6 +285,11 @@ impl Band {
             self.keys.push(key);
         }
     }
+}
+
+/// Whether a depth of the row reaches `limit`.
+fn has_far(row: &[f32], limit: f32) -> bool {
+    row.iter().fold(false, |any, &depth| any | (depth >= limit))
 }
 
 /// The largest whole numbers not above the coordinates (within ±2²¹; on a whole number it may be the one

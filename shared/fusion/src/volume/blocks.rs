@@ -17,6 +17,9 @@ pub(super) struct Slab {
     pub(super) blocks: Vec<Block>,
     /// Colours, as many as blocks, or none in a volume without colour.
     pub(super) colors: Vec<ColorBlock>,
+    /// Least and greatest coordinates of its blocks.
+    pub(super) low: [i32; 3],
+    pub(super) high: [i32; 3],
     /// Bit n: a ray of the frame at hand meets block n.
     pub(super) touched: u64,
     /// Bit n: something was once seen to lie behind a surface in block n, so it may hold one.
@@ -120,12 +123,18 @@ impl BlockStore {
                 keys: [0; SLAB_BLOCKS],
                 blocks: Vec::with_capacity(SLAB_BLOCKS),
                 colors: Vec::with_capacity(if self.has_color { SLAB_BLOCKS } else { 0 }),
+                low: [i32::MAX; 3],
+                high: [i32::MIN; 3],
                 touched: 0,
                 behind: 0,
             });
         }
         let slab = &mut self.slabs[index / SLAB_BLOCKS];
         slab.keys[place] = key;
+        for (axis, coordinate) in unpack(key).into_iter().enumerate() {
+            slab.low[axis] = slab.low[axis].min(coordinate);
+            slab.high[axis] = slab.high[axis].max(coordinate);
+        }
         slab.blocks.push(Block::EMPTY);
         if self.has_color {
             slab.colors.push(ColorBlock::EMPTY);

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::kernels::integrate::{BlockView, DepthView, Z_NEAR};
 
 /// Edge of a tile, pixels.
-const TILE: usize = 16;
+const TILE: usize = 8;
 
 /// Depth bounds of one tile.
 #[derive(Clone, Copy)]

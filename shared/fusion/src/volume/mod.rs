@@ -11,6 +11,7 @@ mod depth;
 pub mod key;
 mod predict;
 mod projection;
+mod ranges;
 mod sampler;
 mod table;
 #[cfg(test)]

@@ -1,19 +1,18 @@
 //! The model as a camera would see it, by marching along each pixel's ray.
 
-use geometry::{DVec2, DVec3, Intrinsics, Pose};
+use geometry::{DMat3, DVec2, DVec3, Intrinsics, Pose};
 use glam::{Mat3A, Vec3A};
 use rayon::prelude::*;
 
 use super::Volume;
 use super::key::{BLOCK_EDGE, BLOCK_SHIFT, BLOCK_VOXELS};
+use super::ranges::{TILE, Tiles};
 use super::sampler::{FieldSample, Sampler};
-use crate::model_view::{ModelView, Surfel};
+use crate::model_view::{DepthRange, ModelView, Surfel};
 
 #[cfg(test)]
 mod tests;
 
-/// Rows of one parallel task. Each pixel is computed by itself, so tasks do not show in the result.
-const BAND_ROWS: usize = 8;
 /// Share of the distance that the field promises which a step uses (hard-cases D16).
 const STEP_SHARE: f32 = 0.8;
 /// Shortest step, in voxels.
@@ -35,6 +34,9 @@ struct March {
     truncation: f32,
     /// The same in voxels.
     truncation_voxels: f32,
+    /// Depths that the volume takes.
+    gate: [f32; 2],
+    /// Where the tile's rays start and end.
     nearest: f32,
     farthest: f32,
     min_weight: f32,
@@ -42,7 +44,7 @@ struct March {
 
 /// The camera in voxels from an anchor block: a point at depth z of pixel (x, y) is
 /// `eye + z (forward + x right + y down)`.
-struct VoxelRays {
+pub(super) struct VoxelRays {
     /// Block that coordinates count from.
     anchor: [i32; 3],
     eye: Vec3A,
@@ -53,6 +55,10 @@ struct VoxelRays {
     /// Focal lengths and centre, pixels.
     focal: DVec2,
     center: DVec2,
+    /// Homogeneous pixel (u·z, v·z, z), metres, of a vector in voxels.
+    homogeneous_from_voxels: Mat3A,
+    /// Unit normals of the planes that bound what the camera sees, pointing inwards.
+    sides: [Vec3A; 5],
 }
 
 /// One ray: a point at depth z is `eye + z · slope`, in voxels.
@@ -81,32 +87,79 @@ impl Volume {
     pub fn predict(&self, camera: &Intrinsics, world_from_camera: &Pose, view: &mut ModelView) {
         view.reset(camera, world_from_camera);
         let rays = VoxelRays::new(self, camera, world_from_camera);
-        let config = self.config();
-        let march = March {
-            truncation: config.truncation(),
-            truncation_voxels: config.truncation_voxels,
-            nearest: config.min_depth,
-            farthest: config.max_depth + config.truncation(),
-            min_weight: view.min_weight.max(f32::MIN_POSITIVE),
+        let (width, height) = (view.width(), view.height());
+        let tile_columns = width.div_ceil(TILE);
+        view.ranges
+            .resize(tile_columns * height.div_ceil(TILE), DepthRange::EMPTY);
+        let mut tiles = Tiles {
+            ranges: &mut view.ranges,
+            width,
+            height,
+            voxel_size: self.config.voxel_size,
         };
-        let width = view.width();
+        tiles.fit(&self.store, &rays);
+
+        let min_weight = view.min_weight.max(f32::MIN_POSITIVE);
         view.surfels
-            .par_chunks_mut(width * BAND_ROWS)
+            .par_chunks_mut(width * TILE)
+            .zip(view.ranges.par_chunks(tile_columns))
             .enumerate()
-            .for_each(|(band, surfels)| {
-                let mut sampler = Sampler::new(self, rays.anchor);
-                for (row, surfels) in surfels.chunks_exact_mut(width).enumerate() {
-                    let y = band * BAND_ROWS + row;
-                    let start = rays.forward + y as f32 * rays.down;
-                    for (x, surfel) in surfels.iter_mut().enumerate() {
-                        let ray = Ray::new(rays.eye, start + x as f32 * rays.right);
-                        *surfel = match first_surface(&mut sampler, &ray, &march) {
-                            Some((z, sample)) => rays.surfel(x, y, z, &sample),
-                            None => Surfel::NONE,
-                        };
-                    }
+            .for_each(|(line, (surfels, ranges))| {
+                let mut band = Band {
+                    sampler: Sampler::new(self, rays.anchor),
+                    rays: &rays,
+                    march: self.march(min_weight),
+                    first_row: line * TILE,
+                    width,
+                };
+                for (column, range) in ranges.iter().enumerate() {
+                    band.predict_tile(column * TILE, range, surfels);
                 }
             });
+    }
+
+    /// A march through everything that the volume can hold.
+    fn march(&self, min_weight: f32) -> March {
+        March {
+            truncation: self.config.truncation(),
+            truncation_voxels: self.config.truncation_voxels,
+            gate: [
+                self.config.min_depth,
+                self.config.max_depth + self.config.truncation(),
+            ],
+            nearest: 0.0,
+            farthest: 0.0,
+            min_weight,
+        }
+    }
+}
+
+/// A row of tiles.
+struct Band<'a> {
+    sampler: Sampler<'a>,
+    rays: &'a VoxelRays,
+    march: March,
+    first_row: usize,
+    width: usize,
+}
+
+impl Band<'_> {
+    /// Predicts the pixels of the tile from column `first`; `surfels` are the rows of the band.
+    fn predict_tile(&mut self, first: usize, range: &DepthRange, surfels: &mut [Surfel]) {
+        let last = (first + TILE).min(self.width);
+        self.march.nearest = range.nearest.max(self.march.gate[0]);
+        self.march.farthest = range.farthest.min(self.march.gate[1]);
+        for (row, surfels) in surfels.chunks_exact_mut(self.width).enumerate() {
+            let y = self.first_row + row;
+            let start = self.rays.forward + y as f32 * self.rays.down;
+            for (x, surfel) in (first..last).zip(&mut surfels[first..last]) {
+                let ray = Ray::new(self.rays.eye, start + x as f32 * self.rays.right);
+                *surfel = match first_surface(&mut self.sampler, &ray, &self.march) {
+                    Some((z, sample)) => self.rays.surfel(x, y, z, &sample),
+                    None => Surfel::NONE,
+                };
+            }
+        }
     }
 }
 
@@ -207,6 +260,19 @@ impl VoxelRays {
         let anchor = (eye / BLOCK_EDGE as f64).floor();
         let (focal, center) = (camera.focal(), camera.center());
         let volume_from_camera = world_from_camera.matrix();
+        // Rows of the projection, and the planes u = 0, u = width, v = 0, v = height, z = 0.
+        let row = |v: DVec3| volume_from_camera * v * voxel_size;
+        let depth = row(DVec3::Z);
+        let column = row(DVec3::new(focal.x, 0.0, center.x));
+        let line = row(DVec3::new(0.0, focal.y, center.y));
+        let (width, height) = (f64::from(camera.width()), f64::from(camera.height()));
+        let sides = [
+            column,
+            width * depth - column,
+            line,
+            height * depth - line,
+            depth,
+        ];
         let in_voxels = |v: DVec3| (volume_from_camera * v / voxel_size).as_vec3a();
         Self {
             // A cast saturates: a camera beyond every block sees nothing there.
@@ -218,7 +284,56 @@ impl VoxelRays {
             camera_from_volume: volume_from_camera.transpose().as_mat3().into(),
             focal,
             center,
+            homogeneous_from_voxels: DMat3::from_cols(column, line, depth)
+                .transpose()
+                .as_mat3()
+                .into(),
+            sides: sides.map(|side| side.normalize().as_vec3a()),
         }
+    }
+
+    /// The first voxel of a block.
+    pub(super) fn local_voxel(&self, block: [i32; 3]) -> Vec3A {
+        let local: [f32; 3] = std::array::from_fn(|axis| {
+            block[axis].saturating_sub(self.anchor[axis]) as f32 * BLOCK_EDGE as f32
+        });
+        Vec3A::from_array(local)
+    }
+
+    /// Depth of a point in voxels, metres.
+    pub(super) fn depth(&self, point: Vec3A) -> f32 {
+        (self.homogeneous_from_voxels * (point - self.eye)).z
+    }
+
+    /// Depth from the middle of a box of half extent `half` voxels to its nearest corner, metres.
+    pub(super) fn depth_reach(&self, half: f32) -> f32 {
+        let [x, y, z] = self.columns().map(|column| column.z.abs());
+        half * (x + y + z)
+    }
+
+    /// Whether a ball of `radius` voxels may reach into the image.
+    pub(super) fn may_see(&self, middle: Vec3A, radius: f32) -> bool {
+        let from_eye = middle - self.eye;
+        self.sides.iter().all(|side| side.dot(from_eye) > -radius)
+    }
+
+    /// Least and greatest pixel of a box about `middle`, which lies in front of the camera.
+    pub(super) fn pixel_box(&self, middle: Vec3A, half: f32) -> ([f32; 2], [f32; 2]) {
+        let at = self.homogeneous_from_voxels * (middle - self.eye);
+        let [x, y, z] = self.columns().map(|column| column * half);
+        let (mut low, mut high) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+        for corner in 0..8_u8 {
+            let sign = |axis: u8| if corner >> axis & 1 == 1 { 1.0 } else { -1.0 };
+            let at = at + sign(0) * x + sign(1) * y + sign(2) * z;
+            let pixel = at / at.z;
+            (low, high) = (low.min(pixel), high.max(pixel));
+        }
+        ([low.x, low.y], [high.x, high.y])
+    }
+
+    fn columns(&self) -> [Vec3A; 3] {
+        let matrix = &self.homogeneous_from_voxels;
+        [matrix.x_axis, matrix.y_axis, matrix.z_axis]
     }
 
     /// The surfel of pixel (`x`, `y`) at depth `z`.

@@ -104,6 +104,7 @@ impl Projection {
             truncation_in_blocks: config.truncation_voxels / BLOCK_EDGE as f32,
             half_samples,
             sample_step: config.truncation() / half_samples as f32,
+            depth_step: config.depth_step,
         }
     }
 }

@@ -1,0 +1,7 @@
+//! Tracking on surfaces whose answer is known.
+
+mod observability;
+mod photometric;
+mod robustness;
+mod shapes;
+mod steps;

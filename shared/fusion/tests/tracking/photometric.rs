@@ -1,0 +1,1 @@
+//! The photometric term (hard-cases C09, C10).
