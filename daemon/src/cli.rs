@@ -21,6 +21,7 @@ use serde_json::json;
 
 use crate::capture::{CaptureOptions, capture_with};
 use crate::disk::Rotation;
+use crate::fuse::FuseOptions;
 use crate::inspect::{follow, info};
 use crate::replay::camera_name;
 use crate::source_spec::SourceSpec;
@@ -32,7 +33,7 @@ use crate::status::{StatusNow, StopFlag};
     name = "glintd",
     version,
     about,
-    after_help = "Example:\n  glintd record replay:recordings/two-cans.glint -o copy.glint --no-fuse"
+    after_help = "Example:\n  glintd record replay:recordings/two-cans.glint -o copy.glint"
 )]
 struct Cli {
     #[command(subcommand)]
@@ -78,7 +79,7 @@ enum WriteChoice {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  glintd record 'replay:recordings/two-cans.glint?speed=max' -o copy.glint --no-fuse"
+    after_help = "Example:\n  glintd record 'replay:recordings/two-cans.glint?speed=max' -o copy.glint --mesh copy.ply"
 )]
 struct RecordArgs {
     /// replay:FILE, with ?speed=max (wait for the recorder, drop nothing), ?speed=0.5 (of the camera's), &loop.
@@ -86,9 +87,11 @@ struct RecordArgs {
     /// File to make, or a folder: the file is then named by source and time.
     #[arg(short, long)]
     output: PathBuf,
-    /// Record without tracking and fusing. Required: this version only records.
+    /// Record without tracking and fusing.
     #[arg(long)]
     no_fuse: bool,
+    #[command(flatten)]
+    fuse: FuseArgs,
     /// End after this many seconds.
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     duration: Option<f64>,
@@ -110,6 +113,53 @@ struct RecordArgs {
     /// Go on in another file after this many seconds.
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     split_seconds: Option<f64>,
+}
+
+/// Tracking and fusing.
+#[derive(Debug, Args)]
+#[group(skip)]
+struct FuseArgs {
+    /// Write the surface of the largest world as PLY when the recording is closed; a second signal stops that.
+    #[arg(long, value_name = "PLY", conflicts_with = "no_fuse")]
+    mesh: Option<PathBuf>,
+    /// Edge of a voxel, mm.
+    #[arg(
+        long,
+        value_name = "MM",
+        default_value_t = 5.0,
+        conflicts_with = "no_fuse"
+    )]
+    voxel_mm: f32,
+    /// Distance from the surface within which voxels are kept, voxels, 4 to 64. Default: 6.
+    #[arg(long, value_name = "N", conflicts_with = "no_fuse")]
+    truncation_voxels: Option<f32>,
+    /// Workers that track and fuse; they rank behind the recorder.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=64), conflicts_with = "no_fuse")]
+    fuse_threads: u64,
+    /// Fuse every Nth frame only; all are tracked.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..), conflicts_with = "no_fuse")]
+    fuse_stride: u64,
+    /// Most memory of the volume, MB (2^20 bytes): beyond it new surface is left out, and counted.
+    #[arg(long, value_name = "MB", default_value_t = 2048, value_parser = clap::value_parser!(u64).range(1..=1 << 20), conflicts_with = "no_fuse")]
+    fuse_memory_mb: u64,
+}
+
+impl FuseArgs {
+    fn options(&self) -> FuseOptions {
+        let mut options = FuseOptions {
+            mesh: self.mesh.clone(),
+            threads: self.fuse_threads as usize,
+            stride: self.fuse_stride,
+            ..FuseOptions::default()
+        };
+        let volume = &mut options.live.volume;
+        volume.voxel_size = self.voxel_mm / 1000.0;
+        if let Some(truncation_voxels) = self.truncation_voxels {
+            volume.truncation_voxels = truncation_voxels;
+        }
+        volume.memory_limit_bytes = (self.fuse_memory_mb as usize) << 20;
+        options
+    }
 }
 
 #[derive(Debug, Args)]
@@ -205,9 +255,6 @@ fn exit_code(is_whole: bool) -> ExitCode {
 }
 
 fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCode> {
-    if !args.no_fuse {
-        bail!("this version records without tracking and fusing; add --no-fuse");
-    }
     let stop = stop_on_signals()?;
     let SourceSpec::Replay(spec) = &args.source;
     let output = output_path(&args.output, &camera_name(&spec.path))?;
@@ -233,6 +280,7 @@ fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCode> {
             age: args.split_seconds.map(Duration::from_secs_f64),
         },
         pre_trigger: args.pre_trigger.map(Duration::from_secs_f64),
+        fuse: (!args.no_fuse).then(|| args.fuse.options()),
         duration: args.duration.map(Duration::from_secs_f64),
         ..CaptureOptions::new(args.source.clone(), output)
     };
@@ -254,7 +302,11 @@ fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCode> {
     } else {
         print!("{outcome}");
     }
-    Ok(exit_code(outcome.is_whole()))
+    let has_mesh = outcome
+        .mesh
+        .as_ref()
+        .is_none_or(|mesh| mesh.problem.is_none());
+    Ok(exit_code(outcome.is_whole() && has_mesh))
 }
 
 /// Plain lines are ten times rarer than the calls: one in five seconds.
@@ -270,8 +322,17 @@ fn show_status(status: &StatusNow, bar: &ProgressBar, json: bool, shown: u64) {
     } else {
         String::new()
     };
+    let seen = status.tracked + status.lost;
+    let mut fusion = String::new();
+    if seen + status.skipped > 0 {
+        let percent = 100.0 * status.tracked as f64 / seen.max(1) as f64;
+        fusion = format!(", {percent:.0} % tracked, {} skipped", status.skipped);
+    }
+    if status.effort_level > 0 {
+        fusion += &format!(", effort reduced by {}", status.effort_level);
+    }
     let line = format!(
-        "{} frames recorded, {} missing, {:.1} MB, buffer {} % full{left}",
+        "{} frames recorded, {} missing, {:.1} MB, buffer {} % full{fusion}{left}",
         status.frames_recorded,
         status.frames_missing,
         status.payload_bytes as f64 / 1e6,

@@ -54,7 +54,10 @@ fn a_mistake_gets_one_sentence_and_code_2() {
         (&["verify", draft], "version 1"),
         (&["info", "absent.glint"], "absent.glint"),
         (&["info", "."], "no file"),
-        (&["record", &replay, "-o", new], "--no-fuse"),
+        (
+            &["record", &replay, "-o", new, "--voxel-mm", "0.01"],
+            "voxel size",
+        ),
         (&["record", &replay, "-o", input, "--no-fuse"], "exists"),
         (
             &["record", "camera:1", "-o", new, "--no-fuse"],

@@ -39,10 +39,13 @@ pub mod radiance;
 pub mod registration;
 pub mod response;
 pub mod srgb;
+pub mod undistortion;
 pub mod vignetting;
 pub mod whole_file;
 
-pub use crate::depth::{DepthCounts, NO_DEPTH, is_measured, metres_from_float, metres_from_raw};
+pub use crate::depth::{
+    DepthCounts, DepthTable, NO_DEPTH, is_measured, metres_from_float, metres_from_raw,
+};
 pub use crate::develop::{ChromaSiting, ColorLayout, Developer, YuvCoding, YuvMatrix, YuvRange};
 pub use crate::error::ImagingError;
 pub use crate::exr_files::{
@@ -62,5 +65,6 @@ pub use crate::radiance::{Corrector, Radiance, dilated};
 pub use crate::registration::Registration;
 pub use crate::response::{CodeFlag, Response, ResponseRepair};
 pub use crate::srgb::Srgb8;
+pub use crate::undistortion::Undistortion;
 pub use crate::vignetting::Vignetting;
 pub use crate::whole_file::write_whole_file;
