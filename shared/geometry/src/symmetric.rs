@@ -16,12 +16,9 @@ pub struct SymmetricEigen<const N: usize> {
 /// 8.5). Only the upper triangle is read. Small eigenvalues are right relative to the largest one, not to
 /// themselves; a matrix that is not finite gives values that are not finite.
 pub fn symmetric_eigen<const N: usize>(matrix: &[[f64; N]; N]) -> SymmetricEigen<N> {
-    let mut a = *matrix;
-    for row in 0..N {
-        for column in 0..row {
-            a[row][column] = a[column][row];
-        }
-    }
+    let mut a: [[f64; N]; N] = std::array::from_fn(|row| {
+        std::array::from_fn(|column| matrix[row.min(column)][row.max(column)])
+    });
     let mut vectors: [[f64; N]; N] =
         std::array::from_fn(|row| std::array::from_fn(|column| f64::from(u8::from(row == column))));
     for _ in 0..SWEEPS {
@@ -108,7 +105,11 @@ mod tests {
     #[test]
     fn known_eigenvalues_come_back_in_order() {
         let found = symmetric_eigen(&turned([0.0, 3.0, 1e-4, 2.0, 7.0, 1.0]));
-        for (value, expected) in found.values.into_iter().zip([7.0, 3.0, 2.0, 1.0, 1e-4, 0.0]) {
+        for (value, expected) in found
+            .values
+            .into_iter()
+            .zip([7.0, 3.0, 2.0, 1.0, 1e-4, 0.0])
+        {
             assert!((value - expected).abs() < 1e-14, "{value} for {expected}");
         }
     }

@@ -310,12 +310,7 @@ pub(crate) fn write_sets(path: &Path, frames: &[Frame], sets: &[(&str, &[Pose])]
     write_sets_as(path, frames, sets, ColorEncoding::Rgb8);
 }
 
-fn write_sets_as(
-    path: &Path,
-    frames: &[Frame],
-    sets: &[(&str, &[Pose])],
-    encoding: ColorEncoding,
-) {
+fn write_sets_as(path: &Path, frames: &[Frame], sets: &[(&str, &[Pose])], encoding: ColorEncoding) {
     let streams = streams_as(encoding);
     let description = Description {
         writer: "studio".to_owned(),
