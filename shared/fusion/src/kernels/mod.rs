@@ -1,6 +1,7 @@
 //! Vectorised inner loops with a scalar specification each. The only place with `unsafe`.
 
 pub mod integrate;
+pub(crate) mod prefetch;
 
 /// Which instructions a kernel uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
