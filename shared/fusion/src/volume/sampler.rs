@@ -6,6 +6,7 @@ use super::Volume;
 use super::allocate::whole_below;
 use super::key::{BLOCK_EDGE, BLOCK_SHIFT, BLOCK_VOXELS, pack};
 use crate::kernels::integrate::Block;
+use crate::kernels::prefetch::prefetch;
 
 /// Entries of the cache along an axis, a power of two: neighbouring rays stay within such a cube of blocks.
 const CACHE_EDGE: usize = 8;
@@ -133,6 +134,20 @@ impl<'a> Sampler<'a> {
         })
     }
 
+    /// Asks for what [`Sampler::sample`] reads at `point`.
+    pub(super) fn fetch(&mut self, point: Vec3A) {
+        let around = Around::new(self, whole_below(point));
+        for z in 0..REACH {
+            // Two rows share a cache line, or nearly so.
+            for y in [0, 2, 3] {
+                around.fetch(y, z, |block| &block.tsdf);
+            }
+        }
+        for (y, z) in [(1, 1), (2, 1), (1, 2), (2, 2)] {
+            around.fetch(y, z, |block| &block.weight);
+        }
+    }
+
     /// Linear luminance at `point`, Rec. 709: the mean of the colours of the eight voxels around it, by their
     /// nearness; 0 where at most half of that is known. Lower bounds are not known.
     pub(super) fn luminance(&mut self, point: Vec3A) -> f32 {
@@ -235,6 +250,17 @@ impl<'a> Around<'a> {
             half[line + x % BLOCK_EDGE]
         };
         Vec4::new(at(x), at(x + 1), at(x + 2), at(x + 3))
+    }
+
+    /// Asks for the values that [`Around::gather`] reads.
+    #[inline]
+    fn fetch(&self, y: usize, z: usize, values: impl Fn(&'a Block) -> &'a [f32; BLOCK_VOXELS]) {
+        let (part, line) = self.line(y, z);
+        let x = self.first[0];
+        prefetch(values(self.blocks[part]), line + x);
+        if x + REACH > BLOCK_EDGE {
+            prefetch(values(self.blocks[part | 1]), line);
+        }
     }
 
     /// Distances of a row; 1 where there is no block.
