@@ -91,11 +91,9 @@ mod tests {
                 continue;
             }
             let (sine, cosine) = (0.3 + turn as f64).sin_cos();
-            for column in 0..N {
-                let (a, b) = (axes[p][column], axes[q][column]);
-                axes[p][column] = cosine * a - sine * b;
-                axes[q][column] = sine * a + cosine * b;
-            }
+            let (a, b) = (axes[p], axes[q]);
+            axes[p] = std::array::from_fn(|c| cosine * a[c] - sine * b[c]);
+            axes[q] = std::array::from_fn(|c| sine * a[c] + cosine * b[c]);
         }
         std::array::from_fn(|r| {
             std::array::from_fn(|c| (0..N).map(|k| values[k] * axes[k][r] * axes[k][c]).sum())
@@ -118,8 +116,8 @@ mod tests {
     fn vectors_are_orthonormal_and_rebuild_the_matrix() {
         let matrix = turned([5.0, 5.0, 1.0, 1e-9, 0.2, 30.0]);
         let found = symmetric_eigen(&matrix);
-        for r in 0..6 {
-            for c in 0..6 {
+        for (r, row) in matrix.iter().enumerate() {
+            for (c, expected) in row.iter().enumerate() {
                 let dot: f64 = (0..6)
                     .map(|k| found.vectors[r][k] * found.vectors[c][k])
                     .sum();
@@ -127,7 +125,7 @@ mod tests {
                 let entry: f64 = (0..6)
                     .map(|k| found.values[k] * found.vectors[k][r] * found.vectors[k][c])
                     .sum();
-                assert!((entry - matrix[r][c]).abs() < 1e-13);
+                assert!((entry - expected).abs() < 1e-13);
             }
         }
     }

@@ -11,7 +11,7 @@ use rand_pcg::Pcg64Mcg;
 use crate::shapes::{self, Distance};
 
 /// A corner of a room with a ball and a box: every direction is observed.
-const ROOM: Distance = |p| {
+pub(crate) const ROOM: Distance = |p| {
     let ball = (p - DVec3::new(0.15, 0.1, 0.9)).length() - 0.15;
     let b = (p - DVec3::new(-0.25, 0.1, 1.0)).abs() - DVec3::new(0.1, 0.25, 0.08);
     let outside = b.max(DVec3::ZERO).length() + b.max_element().min(0.0);
