@@ -8,6 +8,8 @@ use std::sync::OnceLock;
 use geometry::direction::angle_between;
 use geometry::{DVec3, Intrinsics, Pose};
 use glam::Vec3;
+use glint::eval::composition::evaluate;
+use glint::eval::model::Model;
 use glint::import::{ImportOptions, import};
 use glint::progress::Progress;
 use glint::run_folder::RunFolder;
@@ -16,6 +18,7 @@ use glint::stages::observe::{PixelRules, Surface, hit_at};
 use glint::train::{CONFIDENCE_FILE, MESH_FILE, SRM_FILE, TrainConfig, TrainSummary, train};
 use imaging::{Image, LinearImage, read_confidence_exr, read_rgb_exr};
 use raytrace::{MirrorQuery, Scene, visibility_buffer};
+use sequence::{ColorEncoding, Recording};
 use studio::{Finish, Frame};
 
 /// Runs below one folder that goes when the test ends.
@@ -127,6 +130,67 @@ fn shiny_spheres_show_the_room() {
     println!("claimed {share:.3}, correlation {score:.3}");
     assert!(share > 0.2, "{share}");
     assert!(score > 0.85, "{score}");
+}
+
+/// Mosaics and YUV lose what lies between their samples: edges of the texture and of the windows' images.
+const LEAST_AGREEMENT: f64 = 0.98;
+/// And so much of the agreement with the room.
+const LARGEST_LOSS: f64 = 0.02;
+
+#[test]
+fn mosaics_and_yuv_train_to_nearly_the_same_map_and_can_be_judged() {
+    let desk = Desk::new();
+    let frames = studio::film(Finish::Shiny);
+    let rgb = shiny();
+    let (rgb_map, rgb_claimed) = (rgb.map(), claimed(&rgb.confidence()));
+    let size = geometry::PanoramaSize::from_height(rgb_map.height()).unwrap();
+    let room = studio::room_panorama(size);
+    let room = Image::from_vec(rgb_map.width(), rgb_map.height(), room).unwrap();
+    let rgb_score = correlation(&rgb_map, &room, &rgb_claimed);
+    for encoding in [ColorEncoding::BayerGrbg, ColorEncoding::Yuyv] {
+        let name = encoding.name();
+        let recording = desk.path(&format!("{name}.glint"));
+        studio::write_as(&recording, &frames, &studio::path(), encoding);
+        let run = desk.train(&recording, name, 2).unwrap();
+        assert!(run.summary.found_specular, "{}", run.summary.sentence);
+        let (map, own_claimed) = (run.map(), claimed(&run.confidence()));
+        let both: Vec<bool> = own_claimed
+            .iter()
+            .zip(&rgb_claimed)
+            .map(|(&a, &b)| a && b)
+            .collect();
+        let count = |claimed: &[bool]| claimed.iter().filter(|c| **c).count() as f64;
+        let overlap = count(&both) / count(&rgb_claimed);
+        let agreement = correlation(&map, &rgb_map, &both);
+        let score = correlation(&map, &room, &own_claimed);
+        println!(
+            "{name}: overlap {overlap:.3}, agreement {agreement:.4}, score {score:.4} ({rgb_score:.4} of rgb8)"
+        );
+        assert!(overlap > 0.95, "{name} claims {overlap} of it");
+        assert!(agreement > LEAST_AGREEMENT, "{name}: {agreement}");
+        assert!(
+            score > rgb_score - LARGEST_LOSS,
+            "{name}: {score} of {rgb_score}"
+        );
+        judge(&run, &recording);
+    }
+}
+
+/// The held-out photographs of a run can be judged: the composition beats diffuse alone.
+fn judge(run: &Run, recording: &Path) {
+    let folder = RunFolder::open(&run.path).unwrap();
+    let model = Model::load(&folder).unwrap();
+    let recording = Recording::open(recording).unwrap();
+    let (metrics, strips) = evaluate(&recording, &model, "source", None, &|_, _| ())
+        .unwrap()
+        .expect("the studio holds frames out");
+    assert_eq!(strips.len(), metrics.frame_count);
+    assert!(
+        metrics.composition.l1 < metrics.diffuse_only.l1,
+        "{:?} against {:?}",
+        metrics.composition,
+        metrics.diffuse_only
+    );
 }
 
 #[test]

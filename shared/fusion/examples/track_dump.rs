@@ -1,6 +1,6 @@
 //! Tracks and fuses a dump of RGB-D frames and compares the path with a reference, as one line of JSON.
 //!
-//! `track_dump DUMP [--voxel-mm 5] [--threads 1] [--frames A..B] [--no-grey] [--poses OUT.txt] [--verbose]`
+//! `track_dump DUMP [--voxel-mm 5] [--threads 1] [--frames A..B,C..D,blank*N,…] [--no-grey] [--poses OUT.txt] [--verbose]`
 //!
 //! DUMP, little-endian: u32 columns, rows, frames, 1; f64 fx, fy, cx, cy, metres per unit of the depth camera; u32
 //! columns, rows, f64 fx, fy, cx, cy of the colour camera; 16 f64 color_from_depth; per frame i64 nanoseconds, 16 f64
@@ -17,6 +17,9 @@ use imaging::{Corrector, DepthImage, LinearPixel, Response, Vignetting};
 use rustix::time::{ClockId, clock_gettime};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+/// In place of a frame number: the last frame without depth.
+const BLANK: usize = usize::MAX;
 
 struct Arguments {
     dump: String,
@@ -63,6 +66,11 @@ fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> 
                     "--poses" => arguments.poses = Some(value),
                     "--frames" => {
                         for part in value.split(',') {
+                            if let Some(count) = part.strip_prefix("blank*") {
+                                let blanks = std::iter::repeat_n(BLANK, count.parse()?);
+                                arguments.list.extend(blanks);
+                                continue;
+                            }
                             let (from, to) = part.split_once("..").ok_or("frames are A..B")?;
                             let (from, to): (usize, usize) = (from.parse()?, to.parse()?);
                             arguments.frames = from..to;
@@ -146,23 +154,6 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         },
         ..LiveConfig::default()
     };
-    let mut config = config;
-    let env = |name: &str, d: f32| std::env::var(name).ok().map_or(d, |v| v.parse().unwrap());
-    config.noise.floor = env("FLOOR", config.noise.floor);
-    config.noise.per_square_metre = env("K", config.noise.per_square_metre);
-    for pass in &mut config.icp.passes {
-        pass.robust_scale *= env("RS", 1.0);
-        pass.largest_distance *= env("LD", 1.0);
-    }
-    let extra = env("IT", 0.0) as usize;
-    for pass in &mut config.icp.passes {
-        pass.iterations += extra;
-    }
-    config.icp.photometric_knee = env("KNEE", 0.01).into();
-    config.volume.weight_cap = env("CAP", config.volume.weight_cap);
-    config.volume.reference_depth = env("REF", config.volume.reference_depth);
-    config.volume.max_depth = env("MAX", config.volume.max_depth);
-    config.volume.depth_step = env("STEP", config.volume.depth_step);
     let first = frames[order[0]].as_ref().ok_or("no such frame")?.reference;
     let mut live = LiveFusion::new(config, rig, first)?;
     let (mut references, mut estimates) = (Vec::new(), Vec::new());
@@ -177,7 +168,21 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         .max(1);
     let mut last = frames[order[0]].as_ref().map_or(0, |f| f.time_nanos);
     for (place, &index) in order.iter().enumerate() {
-        let frame = frames[index].as_ref().ok_or("no such frame")?;
+        let blank;
+        let frame = if index == BLANK {
+            let frame = frames[order[place - 1].min(order[0])]
+                .as_ref()
+                .ok_or("no such frame")?;
+            blank = Frame {
+                time_nanos: frame.time_nanos,
+                reference: frame.reference,
+                depth: DepthImage::new(width, height, 0.0),
+                rgb: frame.rgb.clone(),
+            };
+            &blank
+        } else {
+            frames[index].as_ref().ok_or("no such frame")?
+        };
         // A list of frames plays at the rate of the recording.
         let time = if arguments.list.is_empty() {
             frame.time_nanos
@@ -195,13 +200,18 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         let found = process_ms();
         live.fuse(&frame.depth, arguments.grey.then_some(&pixels))?;
         let fused = process_ms();
-        for (sum, part) in ms.iter_mut().zip([loaded - start, found - loaded, fused - found]) {
+        for (sum, part) in ms
+            .iter_mut()
+            .zip([loaded - start, found - loaded, fused - found])
+        {
             *sum += part;
         }
         let error = frame.reference.inverse() * tracked.world_from_camera;
         let (shift, turn) = (
             error.translation().length(),
-            geometry::rotation::log(error.rotation()).length().to_degrees(),
+            geometry::rotation::log(error.rotation())
+                .length()
+                .to_degrees(),
         );
         match tracked.state {
             TrackState::Ok => counts[0] += 1,
@@ -217,7 +227,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         estimates.push(known.then_some(tracked.world_from_camera.translation()));
         if arguments.verbose {
             println!(
-                "{place:4} {index:4} {:?} map {} shift {:6.1} mm turn {turn:5.2} overlap {:.2} agreement {:.2} load {:.1} track {:.1} fuse {:.1} {}",
+                "{place:4} {index:4} {:?} map {} shift {:6.1} mm turn {turn:5.2} overlap {:.2} agreement {:.2} load {:.1} track {:.1} fuse {:.1} {:?}",
                 tracked.state,
                 tracked.map,
                 shift * 1000.0,
@@ -226,14 +236,18 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
                 loaded - start,
                 found - loaded,
                 fused - found,
-                live.diagnosis()
+                live.last_alignment()
+                    .map(|found| (found.cost, found.solution.rank))
             );
         }
         let (q, t) = (
             tracked.world_from_camera.rotation(),
             tracked.world_from_camera.translation(),
         );
-        out += &format!("{place} {} {} {} {} {} {} {}\n", t.x, t.y, t.z, q.x, q.y, q.z, q.w);
+        out += &format!(
+            "{place} {} {} {} {} {} {} {}\n",
+            t.x, t.y, t.z, q.x, q.y, q.z, q.w
+        );
     }
     if let Some(path) = &arguments.poses {
         std::fs::File::create(path)?.write_all(out.as_bytes())?;

@@ -138,7 +138,7 @@ fn frame_of(layout: ColorLayout) -> Vec<u8> {
         .map(|at| {
             let is_chroma = matches!(layout, ColorLayout::Yuyv(_)) && at % 2 == 1;
             let wave = (at % 1543) as f64 / 245.0;
-            let height = if is_chroma { 10.0 } else { 85.0 };
+            let height = if is_chroma { 10.0 } else { 60.0 };
             let code = 128.0 + height * wave.sin() + (at % 7) as f64;
             if !is_chroma && at % 50_000 < 1000 {
                 255

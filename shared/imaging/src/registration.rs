@@ -223,3 +223,117 @@ fn require_count(count: usize, [width, height]: [usize; 2]) -> Result<(), Imagin
         got: count as u64,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use geometry::{DQuat, DVec3, Distortion};
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+
+    fn camera(f: f64, distortion: Distortion) -> Intrinsics {
+        Intrinsics::new(64, 130, f, f, 31.5, 64.5, distortion).unwrap()
+    }
+
+    fn registered(
+        registration: &mut Registration,
+        depth: &[f32],
+        color: &[LinearPixel],
+    ) -> Vec<LinearPixel> {
+        let mut pixels = vec![LinearPixel([9; 4]); depth.len()];
+        registration.register(depth, color, &mut pixels).unwrap();
+        pixels
+    }
+
+    fn noise(seed: u64) -> (Vec<f32>, Vec<LinearPixel>) {
+        let mut rng = Pcg64::seed_from_u64(seed);
+        let count = 64 * 130;
+        let depth = (0..count).map(|_| rng.random_range(0.0_f32..3.0) - 0.3);
+        let depth = depth.map(|z| z.max(0.0)).collect();
+        let color = (0..count)
+            .map(|_| {
+                let [r, g, b]: [u16; 3] = rng.random();
+                LinearPixel([r, g, b, [1, 1, 1, 3, 0][rng.random_range(0..5)]])
+            })
+            .collect();
+        (depth, color)
+    }
+
+    #[test]
+    fn cameras_that_coincide_copy_and_a_distorted_depth_camera_is_refused() {
+        let plain = camera(60.0, Distortion::NONE);
+        let mut registration = Registration::new(&plain, &plain, &Pose::IDENTITY).unwrap();
+        assert!(registration.is_copy());
+        let (depth, color) = noise(1);
+        assert_eq!(registered(&mut registration, &depth, &color), color);
+        assert!(
+            registration
+                .register(&depth[1..], &color, &mut color.clone())
+                .is_err()
+        );
+        let bent = camera(
+            60.0,
+            Distortion {
+                k1: 0.1,
+                ..Distortion::NONE
+            },
+        );
+        assert!(Registration::new(&bent, &plain, &Pose::IDENTITY).is_err());
+        assert!(
+            !Registration::new(&plain, &bent, &Pose::IDENTITY)
+                .unwrap()
+                .is_copy()
+        );
+    }
+
+    #[test]
+    fn threads_and_levels_do_not_change_a_bit() {
+        let beside = Pose::new(
+            DQuat::from_scaled_axis(DVec3::new(0.02, 0.01, -0.03)),
+            DVec3::new(0.05, 0.01, 0.002),
+        )
+        .unwrap();
+        let (depth, color) = noise(2);
+        let run = |threads: usize, level: Level| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            let (from, to) = (
+                camera(60.0, Distortion::NONE),
+                camera(55.0, Distortion::NONE),
+            );
+            let mut registration = Registration::with_level(&from, &to, &beside, level).unwrap();
+            pool.install(|| registered(&mut registration, &depth, &color))
+        };
+        let reference = run(1, Level::Scalar);
+        assert!(reference.iter().any(|pixel| pixel.is_valid()));
+        assert_eq!(reference, run(2, Level::Scalar));
+        assert_eq!(reference, run(3, Level::Avx2));
+    }
+
+    #[test]
+    fn a_tap_that_is_saturated_marks_and_one_that_is_invalid_counts_not() {
+        // A quarter of a pixel to the right of each depth pixel lies its colour.
+        let depth_camera = camera(60.0, Distortion::NONE);
+        let color_camera = Intrinsics::pinhole(64, 130, 60.0, 60.0, 31.75, 64.5).unwrap();
+        let mut registration =
+            Registration::new(&depth_camera, &color_camera, &Pose::IDENTITY).unwrap();
+        let mut color = vec![LinearPixel([1000, 2000, 3000, 1]); 64 * 130];
+        color[64 * 10 + 5] = LinearPixel([4000, 2000, 3000, 3]);
+        color[64 * 20 + 5] = LinearPixel([50_000, 0, 0, 0]);
+        let mut depth = vec![1.0; 64 * 130];
+        depth[64 * 30 + 5] = 0.0;
+        let pixels = registered(&mut registration, &depth, &color);
+        for (x, red) in [(4, 1750), (5, 3250)] {
+            let LinearPixel([got, green, blue, flags]) = pixels[64 * 10 + x];
+            assert!(got.abs_diff(red) <= 1, "{got}");
+            assert_eq!([green, blue, flags], [2000, 3000, 3]);
+        }
+        assert_eq!(pixels[64 * 20 + 4], LinearPixel([1000, 2000, 3000, 1]));
+        assert_eq!(pixels[64 * 20 + 5], LinearPixel::INVALID);
+        assert_eq!(pixels[64 * 10 + 6], LinearPixel([1000, 2000, 3000, 1]));
+        assert_eq!(pixels[64 * 30 + 5], LinearPixel::INVALID);
+    }
+}

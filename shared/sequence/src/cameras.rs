@@ -122,7 +122,8 @@ pub enum DepthSamples {
     Codes,
 }
 
-/// Constants of a structured-light sensor, in the units of its firmware, and its table.
+/// Constants of a structured-light sensor and its table; see [`ShiftConstants::depth_mm`]. Firmware that counts all
+/// lengths in centimetres (PS1080) is to be converted.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ShiftConstants {
     /// Distance of the reference plane, mm.
@@ -137,9 +138,16 @@ pub struct ShiftConstants {
     pub constant_shift: f64,
     /// Pixels of the sensor a pixel of the image.
     pub pixel_size_factor: f64,
+    /// What is subtracted from the shift, pixels.
+    #[serde(default = "usual_offset")]
+    pub offset_pixels: f64,
     /// Depth of each shift in mm, 0 for none; may be empty.
     #[serde(default)]
     pub table_mm: Vec<u16>,
+}
+
+fn usual_offset() -> f64 {
+    ShiftConstants::USUAL_OFFSET
 }
 
 impl DepthCamera {

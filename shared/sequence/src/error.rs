@@ -80,6 +80,17 @@ pub enum SequenceError {
     /// Samples or payloads that a codec refuses.
     #[error("{0}")]
     Codec(#[from] CodecError),
+    /// Depth of which nobody can say how far it is.
+    #[error(
+        "its depth is the sensor's shifts without the table that makes depth of them, and without usable constants"
+    )]
+    NoShiftTable,
+    /// A table of shifts that is none.
+    #[error("its table from shift to depth falls at shift {shift}; depth grows with shift")]
+    ShiftTable {
+        /// The first shift that is nearer than one before it.
+        shift: usize,
+    },
     /// A word about YUV that this version does not know.
     #[error("{key} of YUV is {word:?}; this version knows {expected}")]
     YuvWord {

@@ -17,7 +17,8 @@
 //! ```
 //!
 //! Map, from the bytes up: [`layout`] structures · [`checksum`] what ties them to one file · [`record`] what
-//! records hold · [`description`] and [`cameras`] streams and calibration · [`codecs`] lossless depth and
+//! records hold · [`description`] and [`cameras`] streams and calibration · [`shift_table`] depth of
+//! shifts · [`codecs`] lossless depth and
 //! colour · [`file_layer`] calls to the disk · [`chunk_writer`] chunks in the right order · [`writer`] and
 //! [`encode`] a recording is written · [`copy`] repair and excerpts · [`source`] bytes by map or `pread` · [`scan`] from chunk to chunk around
 //! damage · [`contents`] everything but images · [`recording`] frames by index and time · [`follow`] a file that
@@ -48,6 +49,7 @@ pub mod pairing;
 pub mod record;
 pub mod recording;
 pub mod scan;
+pub mod shift_table;
 pub mod source;
 pub mod split;
 pub mod summary;

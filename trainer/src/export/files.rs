@@ -1,6 +1,6 @@
 //! Frames of a recording as image files.
 
-use anyhow::bail;
+use anyhow::Context as _;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
 use imaging::{Image, encode_png_gray16, encode_png_rgb8};
@@ -40,7 +40,7 @@ pub(crate) struct FrameFile {
 pub(crate) struct FrameFiles<'a> {
     pub(crate) recording: &'a Recording,
     /// Millimetres of each shift, where the samples are shifts.
-    table_mm: Option<&'a [u16]>,
+    table_mm: Option<Vec<u16>>,
     color_form: ColorForm,
 }
 
@@ -54,21 +54,12 @@ pub(crate) enum ColorForm {
 }
 
 impl<'a> FrameFiles<'a> {
-    /// Refuses shifts without a table: no other program could read them.
+    /// Refuses shifts without a usable table: no other program could read them.
     pub(crate) fn new(recording: &'a Recording, color_form: ColorForm) -> anyhow::Result<Self> {
-        let camera = recording.depth_camera();
-        let table = camera
-            .shift
-            .as_ref()
-            .map_or(&[][..], |shift| &shift.table_mm);
-        let table_mm = match camera.samples {
-            DepthSamples::Values => None,
-            DepthSamples::Codes if table.is_empty() => bail!(
-                "{} holds the sensor's shifts without the table that makes depth of them; it cannot be exported",
-                recording.path().display()
-            ),
-            DepthSamples::Codes => Some(table),
-        };
+        let table_mm = recording
+            .depth_camera()
+            .shift_table_mm()
+            .with_context(|| format!("{} cannot be exported", recording.path().display()))?;
         Ok(Self {
             recording,
             table_mm,
@@ -141,7 +132,7 @@ impl<'a> FrameFiles<'a> {
     /// Depth samples, of millimetres where they were shifts; 0 is no measurement.
     pub(crate) fn depth(&self, place: &RecordPlace) -> Result<Image<u16>, SequenceError> {
         let samples = self.recording.depth_frame(place)?;
-        Ok(match self.table_mm {
+        Ok(match &self.table_mm {
             None => samples,
             Some(table) => samples.map(|shift| table.get(usize::from(shift)).copied().unwrap_or(0)),
         })

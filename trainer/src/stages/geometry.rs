@@ -62,7 +62,14 @@ const JUDGE_COUNT: usize = 24;
 pub fn depth_of(recording: &Recording, index: usize) -> anyhow::Result<DepthImage> {
     let raw = recording.depth_raw(index)?;
     let camera = recording.depth_camera();
-    Ok(metres_from_raw(&raw, camera.depth_scale, camera.depth_range.clone()).0)
+    let range = camera.depth_range.clone();
+    Ok(match camera.shift_table_mm()? {
+        None => metres_from_raw(&raw, camera.depth_scale, range).0,
+        Some(table) => {
+            let millimetres = raw.map(|shift| table.get(usize::from(shift)).copied().unwrap_or(0));
+            metres_from_raw(&millimetres, 1e-3, range).0
+        }
+    })
 }
 
 /// How far apart two depths of one surface may be at `depth` metres: four steps of an 1/8 pixel disparity

@@ -166,6 +166,7 @@ pub(crate) fn streams_of_shifts() -> Streams {
         param_coefficient: 4.0,
         constant_shift: 200.0,
         pixel_size_factor: 1.0,
+        offset_pixels: ShiftConstants::USUAL_OFFSET,
         table_mm: (0..2048).map(millimetres_of_shift).collect(),
     });
     streams

@@ -203,12 +203,16 @@ pub(crate) fn ball(radius: f32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
 
 /// The cameras of the studio: depth and colour are one.
 pub(crate) fn streams() -> Streams {
+    streams_as(ColorEncoding::Rgb8)
+}
+
+fn streams_as(encoding: ColorEncoding) -> Streams {
     let intrinsics = Intrinsics::pinhole(240, 180, 230.0, 230.0, 119.5, 89.5).unwrap();
     Streams {
         depth: DepthCamera::new(intrinsics, 0.001, 0.3..=3.0).unwrap(),
         color: ColorCamera::new(
             intrinsics,
-            ColorEncoding::Rgb8,
+            encoding,
             1.0,
             ResponseCurve::Gamma { gamma: GAMMA },
             VignettingCurve::None,
@@ -293,18 +297,33 @@ pub(crate) fn code(linear: f32) -> u8 {
 
 /// Writes frames with poses as a recording whose last quarter is held out.
 pub(crate) fn write(path: &Path, frames: &[Frame], poses: &[Pose]) {
+    write_sets_as(path, frames, &[("source", poses)], ColorEncoding::Rgb8);
+}
+
+/// The same from a camera that sends colour in another encoding (but JPEG).
+pub(crate) fn write_as(path: &Path, frames: &[Frame], poses: &[Pose], encoding: ColorEncoding) {
+    write_sets_as(path, frames, &[("source", poses)], encoding);
+}
+
+/// The same with several pose sets.
+pub(crate) fn write_sets(path: &Path, frames: &[Frame], sets: &[(&str, &[Pose])]) {
+    write_sets_as(path, frames, sets, ColorEncoding::Rgb8);
+}
+
+fn write_sets_as(path: &Path, frames: &[Frame], sets: &[(&str, &[Pose])], encoding: ColorEncoding) {
+    let streams = streams_as(encoding);
     let description = Description {
         writer: "studio".to_owned(),
         created: Created::default(),
         part: None,
-        streams: streams(),
+        streams: streams.clone(),
         depth_id: DEPTH_STREAM,
         color_id: COLOR_STREAM,
     };
     let id = FileId::of_content(&[b"studio"]);
     let mut writer = RecordingWriter::create_beside(path, id, &description).unwrap();
-    let mut depth_encoder = DepthStreamEncoder::new(&streams(), DepthCodec::Fast).unwrap();
-    let mut color_encoder = ColorStreamEncoder::new(&streams()).unwrap();
+    let mut depth_encoder = DepthStreamEncoder::new(&streams, DepthCodec::Fast).unwrap();
+    let mut color_encoder = ColorStreamEncoder::new(&streams).unwrap();
     for (number, frame) in (0..).zip(frames) {
         let times = FrameTimes {
             number,
@@ -316,20 +335,19 @@ pub(crate) fn write(path: &Path, frames: &[Frame], poses: &[Pose]) {
             writer.write_table(DEPTH_STREAM, table).unwrap();
         }
         writer.write_frame(DEPTH_STREAM, &times, payload).unwrap();
-        let payload = color_encoder
-            .encode(frame.color.pixels().as_flattened())
-            .unwrap();
+        let sent = sent_as(&frame.color, encoding);
+        let payload = color_encoder.encode(&sent).unwrap();
         writer.write_frame(COLOR_STREAM, &times, payload).unwrap();
         writer.seal_if_due(frame.time_nanos).unwrap();
     }
-    let set = writer
-        .begin_poses("source", "studio", DEPTH_STREAM)
-        .unwrap();
-    let stored: Vec<FramePose> = (0..)
-        .zip(poses)
-        .map(|(number, pose)| FramePose::ok(number, *pose))
-        .collect();
-    writer.write_poses(set, &stored).unwrap();
+    for (name, poses) in sets {
+        let set = writer.begin_poses(name, "studio", DEPTH_STREAM).unwrap();
+        let stored: Vec<FramePose> = (0..)
+            .zip(*poses)
+            .map(|(number, pose)| FramePose::ok(number, *pose))
+            .collect();
+        writer.write_poses(set, &stored).unwrap();
+    }
     let first_test = FRAME_COUNT * 3 / 4;
     writer
         .write_split(&Split {
@@ -339,6 +357,40 @@ pub(crate) fn write(path: &Path, frames: &[Frame], poses: &[Pose]) {
         })
         .unwrap();
     writer.finish("complete").unwrap();
+}
+
+/// What a camera of the encoding sends of an image: one colour a pixel of a mosaic; of YUV (Rec. 601, limited range,
+/// chroma at the left pixel of a pair, averaged over 1, 2, 1 pixels) luma of each and chroma of each second pixel.
+fn sent_as(image: &Image<[u8; 3]>, encoding: ColorEncoding) -> Vec<u8> {
+    let positions = (0..image.height()).flat_map(|y| (0..image.width()).map(move |x| (x, y)));
+    match encoding {
+        ColorEncoding::Rgb8 => image.pixels().as_flattened().to_vec(),
+        ColorEncoding::BayerGrbg => positions
+            .map(|(x, y)| image.at(x, y)[[[1, 0], [2, 1]][(y % 2) as usize][(x % 2) as usize]])
+            .collect(),
+        ColorEncoding::Yuyv => positions
+            .flat_map(|(x, y)| {
+                let at = |x: u32| yuv(image.at(x.min(image.width() - 1), y));
+                let chroma = if x % 2 == 0 { 1 } else { 2 };
+                let left = x - x % 2;
+                let (before, own, after) = (at(left.saturating_sub(1)), at(left), at(left + 1));
+                let mean = (before[chroma] + 2.0 * own[chroma] + after[chroma]) / 4.0;
+                [at(x)[0].round() as u8, mean.round() as u8]
+            })
+            .collect(),
+        ColorEncoding::Jpeg | ColorEncoding::Uyvy => panic!("the studio has no such camera"),
+    }
+}
+
+/// Rec. 601 of limited range.
+fn yuv(rgb: [u8; 3]) -> [f64; 3] {
+    let [r, g, b] = rgb.map(|code| f64::from(code) / 255.0);
+    let luma = 0.299 * r + 0.587 * g + 0.114 * b;
+    [
+        16.0 + 219.0 * luma,
+        128.0 + 224.0 * (b - luma) / 1.772,
+        128.0 + 224.0 * (r - luma) / 1.402,
+    ]
 }
 
 /// Rig file of [`streams`].

@@ -2,6 +2,7 @@
 
 pub mod icp;
 pub mod integrate;
+pub(crate) mod prefetch;
 
 /// Which instructions a kernel uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

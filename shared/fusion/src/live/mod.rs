@@ -16,8 +16,8 @@ use crate::error::LiveError;
 use crate::model_view::ModelView;
 use crate::tracking::points::half_camera;
 use crate::tracking::{
-    Alignment, GreyFrame, Icp, IcpInput, Keyframes, Motion, Photometric, PointPyramid,
-    Thumbnail, TrackState, thumbnail,
+    Alignment, GreyFrame, Icp, IcpInput, Keyframes, Motion, Photometric, PointPyramid, Thumbnail,
+    TrackState, thumbnail,
 };
 use crate::volume::{IntegrateStats, Volume};
 
@@ -95,7 +95,11 @@ impl LiveFusion {
             .map_or(rig.depth_camera, |level| level.camera);
         let depth_camera = &rig.depth_camera;
         let registration = match &rig.color_camera {
-            Some(color) => Some(Registration::new(depth_camera, color, &rig.color_from_depth)?),
+            Some(color) => Some(Registration::new(
+                depth_camera,
+                color,
+                &rig.color_from_depth,
+            )?),
             None => None,
         };
         let grey = rig
@@ -159,16 +163,15 @@ impl LiveFusion {
         std::mem::swap(&mut self.now, &mut self.before);
         let image = self.grey.as_ref().filter(|_| self.has_grey);
         let image = image.and_then(|grey| grey.levels.get(1).or(grey.levels.first()));
-        self.now.load(self.points.depth(), image.map(|(_, image)| image));
+        self.now
+            .load(self.points.depth(), image.map(|(_, image)| image));
     }
 
     /// Finds the camera. Call after the frame was loaded.
     pub fn track(&mut self, time_nanos: i64, effort: Effort) -> Tracked {
-        let is_measured = self
-            .points
-            .levels()
-            .first()
-            .is_some_and(|level| level.points.measured_count() as f64 >= self.config.gates.least_inliers);
+        let is_measured = self.points.levels().first().is_some_and(|level| {
+            level.points.measured_count() as f64 >= self.config.gates.least_inliers
+        });
         self.tracked.is_relocalised = false;
         if !is_measured {
             return self.lose(time_nanos);
@@ -223,16 +226,9 @@ impl LiveFusion {
         Ok(Some(stats))
     }
 
-    /// One line about the last alignment.
-    pub fn diagnosis(&self) -> String {
-        self.last.map_or_else(String::new, |a| {
-            let v = a.solution.eigen.values;
-            format!(
-                "points {} met {} pairs {} inliers {} cost {:.3} rank {} eig {:.1e} {:.1e} {:.1e} photo {:?}",
-                a.point_count, a.sums.met_count, a.sums.pair_count, a.sums.inlier_count, a.cost, a.solution.rank,
-                v[3] / v[0], v[4] / v[0], v[5] / v[0], a.photometric
-            )
-        })
+    /// The last alignment that was tried, whether it was believed or not.
+    pub fn last_alignment(&self) -> Option<&Alignment> {
+        self.last.as_ref()
     }
 
     /// The surface of the map at hand.
@@ -273,7 +269,9 @@ impl LiveFusion {
         for start in starts.into_iter().flatten() {
             let found = self.icp.align(input, &mut self.photometric, start, 0..1);
             if let Some(found) = found
-                && best.as_ref().is_none_or(|best| found.cost < 0.98 * best.cost)
+                && best
+                    .as_ref()
+                    .is_none_or(|best| found.cost < 0.98 * best.cost)
             {
                 best = Some(found);
             }
@@ -319,9 +317,10 @@ impl LiveFusion {
     fn accept(&mut self, alignment: &Alignment, state: TrackState, time_nanos: i64) {
         let mut pose = self.view.world_from_camera * alignment.view_from_live;
         let change = self.motion.world_from_camera.inverse() * pose;
-        // A camera that stands still stays where it is (hard-cases C12).
-        if change.translation().length() < 1e-9
-            && geometry::rotation::log(change.rotation()).length() < 1e-9
+        // A camera that stands still stays where it is, or pairs that change sides at the border of a pixel make it
+        // wander (hard-cases C12).
+        if change.translation().length() < STANDSTILL
+            && geometry::rotation::log(change.rotation()).length() < STANDSTILL
         {
             pose = self.motion.world_from_camera;
         }
@@ -348,6 +347,9 @@ impl LiveFusion {
     }
 }
 
+/// Motion between two frames, metres and radians, that is none: a tenth of a millimetre is far below what the sensor
+/// shows, and what is left grows until it is seen.
+const STANDSTILL: f64 = 1e-4;
 /// Residuals of neighbouring points are alike, so the equations promise too much by about this factor.
 const CORRELATED_POINTS: f64 = 50.0;
 /// Standard deviation of a direction that nothing observes, metres at the root mean square radius: how far a hand

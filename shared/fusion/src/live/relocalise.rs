@@ -63,12 +63,13 @@ impl LiveFusion {
         let mut best: Option<Alignment> = None;
         for start in [Some(Pose::IDENTITY), start].into_iter().flatten() {
             // A second coarse run: a place that only looks alike is farther off than a frame that follows.
-            let coarse = self
-                .icp
-                .align(input, &mut self.photometric, start, 0..1)?;
-            let again = self
-                .icp
-                .align(input, &mut self.photometric, coarse.view_from_live, 0..pass_count)?;
+            let coarse = self.icp.align(input, &mut self.photometric, start, 0..1)?;
+            let again = self.icp.align(
+                input,
+                &mut self.photometric,
+                coarse.view_from_live,
+                0..pass_count,
+            )?;
             if best.as_ref().is_none_or(|best| again.cost < best.cost) {
                 best = Some(again);
             }
@@ -83,7 +84,8 @@ impl LiveFusion {
         let grey = self.grey.as_ref().filter(|_| self.has_grey)?;
         let (camera, _) = &grey.levels[0];
         let before = &self.keyframes.get(index).thumbnail;
-        let turn = thumbnail::rotation_between(before, &self.now, camera, geometry::DQuat::IDENTITY)?;
+        let turn =
+            thumbnail::rotation_between(before, &self.now, camera, geometry::DQuat::IDENTITY)?;
         let color_from_depth = self.rig.color_from_depth.rotation();
         let now_from_before = color_from_depth.inverse() * turn * color_from_depth;
         Pose::new(now_from_before.inverse(), geometry::DVec3::ZERO).ok()

@@ -5,6 +5,10 @@ use geometry::{DVec3, Pose, rotation};
 /// Longest time over which velocity is believed, seconds; a hand turns round in less than a second.
 const LONGEST_SECONDS: f64 = 0.25;
 
+/// Predicted motion below which the camera is expected to rest: metres and radians.
+const LEAST_SHIFT: f64 = 5e-4;
+const LEAST_TURN: f64 = 5e-4;
+
 /// The last pose, and how the camera moved there.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
@@ -27,10 +31,16 @@ impl Motion {
     }
 
     /// The pose at a time, if the camera goes on as it did.
+    ///
+    /// Less than [`LEAST_SHIFT`] and [`LEAST_TURN`] is noise of the last pose: then it stands still, and a camera at
+    /// rest comes to rest (hard-cases C12).
     pub fn predicted(&self, time_nanos: i64) -> Pose {
         let seconds = self.seconds_to(time_nanos).clamp(0.0, LONGEST_SECONDS);
-        let (turn, shift) = self.velocity;
-        self.world_from_camera * rotation::exp_twist(turn * seconds, shift * seconds)
+        let (turn, shift) = (self.velocity.0 * seconds, self.velocity.1 * seconds);
+        if turn.length() < LEAST_TURN && shift.length() < LEAST_SHIFT {
+            return self.world_from_camera;
+        }
+        self.world_from_camera * rotation::exp_twist(turn, shift)
     }
 
     /// Goes on to a pose that was found.

@@ -295,7 +295,7 @@ fn has_far(row: &[f32], limit: f32) -> bool {
 /// The largest whole numbers not above the coordinates (within ±2²¹; on a whole number it may be the one
 /// below). Adding 1.5·2²³ leaves no bit behind the point, which needs no instruction beyond an addition.
 #[inline]
-fn whole_below(point: Vec3A) -> [i32; 3] {
+pub(super) fn whole_below(point: Vec3A) -> [i32; 3] {
     const SHIFT: f32 = 12_582_912.0;
     ((point - 0.5) + SHIFT)
         .to_array()

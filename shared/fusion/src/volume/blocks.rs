@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::key::{pack, unpack};
 use super::table::BlockTable;
-use crate::kernels::integrate::{Block, ColorBlock};
+use crate::kernels::integrate::{Block, ColorBlock, Octants};
 
 /// Blocks per allocation and per parallel task (256 KiB of distances): one bit each in a word.
 pub(super) const SLAB_BLOCKS: usize = 64;
@@ -22,8 +22,8 @@ pub(super) struct Slab {
     pub(super) high: [i32; 3],
     /// Bit n: a ray of the frame at hand meets block n.
     pub(super) touched: u64,
-    /// Bit n: something was once seen to lie behind a surface in block n, so it may hold one.
-    pub(super) behind: u64,
+    /// For each block the octants in which something was once seen to lie behind a surface: there it may be.
+    pub(super) behind: [Octants; SLAB_BLOCKS],
 }
 
 /// All blocks, numbered in the order in which they were made.
@@ -126,7 +126,7 @@ impl BlockStore {
                 low: [i32::MAX; 3],
                 high: [i32::MIN; 3],
                 touched: 0,
-                behind: 0,
+                behind: [0; SLAB_BLOCKS],
             });
         }
         let slab = &mut self.slabs[index / SLAB_BLOCKS];

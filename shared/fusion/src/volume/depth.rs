@@ -70,10 +70,7 @@ impl FrameDepth {
         self.update_undistortion(camera);
 
         let gated = |depth: f32| if gate.contains(&depth) { depth } else { 0.0 };
-        let sources = self
-            .undistortion
-            .as_ref()
-            .map(Undistortion::sources);
+        let sources = self.undistortion.as_ref().map(Undistortion::sources);
         let width = self.width;
         self.depth
             .par_chunks_mut(width * TILE)
@@ -123,10 +120,7 @@ impl FrameDepth {
 
     /// Bytes held.
     pub(super) fn bytes(&self) -> usize {
-        let sources = self
-            .undistortion
-            .as_ref()
-            .map_or(0, Undistortion::bytes);
+        let sources = self.undistortion.as_ref().map_or(0, Undistortion::bytes);
         self.depth.capacity() * size_of::<f32>()
             + self.color.capacity() * size_of::<LinearPixel>()
             + self.tiles.capacity() * size_of::<Tile>()

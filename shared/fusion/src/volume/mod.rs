@@ -330,7 +330,7 @@ impl SlabUpdate<'_> {
             let (before, after) = slab.blocks.split_at_mut(place + 1);
             let next = left.trailing_zeros() as usize;
             let color = self.colors.zip(slab.colors.get_mut(place));
-            let is_behind = integrate_block(
+            slab.behind[place] |= integrate_block(
                 self.level,
                 &mut before[place],
                 color.map(|(colors, color)| (color, colors)),
@@ -340,7 +340,6 @@ impl SlabUpdate<'_> {
                 &self.rule,
                 &mut conflicts,
             );
-            slab.behind |= u64::from(is_behind) << place;
         }
     }
 }

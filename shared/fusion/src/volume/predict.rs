@@ -5,14 +5,19 @@ use glam::{Mat3A, Vec3A};
 use rayon::prelude::*;
 
 use super::Volume;
-use super::key::{BLOCK_EDGE, BLOCK_SHIFT, BLOCK_VOXELS};
+use super::allocate::whole_below;
+use super::key::{BLOCK_EDGE, BLOCK_SHIFT};
 use super::ranges::{TILE, Tiles};
 use super::sampler::{FieldSample, Sampler};
+use crate::kernels::integrate::Block;
+use crate::kernels::prefetch::prefetch;
 use crate::model_view::{DepthRange, ModelView, Surfel};
 
 #[cfg(test)]
 mod tests;
 
+/// Rows of tiles of one parallel task. Each pixel is computed by itself, so tasks do not show in the result.
+const BAND_TILES: usize = 4;
 /// Share of the distance that the field promises which a step uses (hard-cases D16).
 const STEP_SHARE: f32 = 0.8;
 /// Shortest step, in voxels.
@@ -101,19 +106,23 @@ impl Volume {
 
         let min_weight = view.min_weight.max(f32::MIN_POSITIVE);
         view.surfels
-            .par_chunks_mut(width * TILE)
-            .zip(view.ranges.par_chunks(tile_columns))
+            .par_chunks_mut(width * TILE * BAND_TILES)
+            .zip(view.ranges.par_chunks(tile_columns * BAND_TILES))
             .enumerate()
-            .for_each(|(line, (surfels, ranges))| {
+            .for_each(|(number, (surfels, ranges))| {
                 let mut band = Band {
                     sampler: Sampler::new(self, rays.anchor),
                     rays: &rays,
                     march: self.march(min_weight),
-                    first_row: line * TILE,
+                    first_row: number * TILE * BAND_TILES,
                     width,
+                    has_color: self.has_color(),
                 };
-                for (column, range) in ranges.iter().enumerate() {
-                    band.predict_tile(column * TILE, range, surfels);
+                // Column by column, so that the sampler meets the same blocks again.
+                for column in 0..tile_columns {
+                    for (line, ranges) in ranges.chunks_exact(tile_columns).enumerate() {
+                        band.predict_tile(column * TILE, line * TILE, &ranges[column], surfels);
+                    }
                 }
             });
     }
@@ -141,23 +150,55 @@ struct Band<'a> {
     march: March,
     first_row: usize,
     width: usize,
+    has_color: bool,
 }
 
 impl Band<'_> {
-    /// Predicts the pixels of the tile from column `first`; `surfels` are the rows of the band.
-    fn predict_tile(&mut self, first: usize, range: &DepthRange, surfels: &mut [Surfel]) {
-        let last = (first + TILE).min(self.width);
+    /// Predicts the pixels of the tile at (`left`, `top`) of the band, whose rows are `surfels`.
+    ///
+    /// The tile's rays take turns: each asks for the voxel that it needs next and looks at it a turn later,
+    /// because a march is a chain of reads that each wait for memory.
+    fn predict_tile(
+        &mut self,
+        left: usize,
+        top: usize,
+        range: &DepthRange,
+        surfels: &mut [Surfel],
+    ) {
         self.march.nearest = range.nearest.max(self.march.gate[0]);
         self.march.farthest = range.farthest.min(self.march.gate[1]);
-        for (row, surfels) in surfels.chunks_exact_mut(self.width).enumerate() {
-            let y = self.first_row + row;
-            let start = self.rays.forward + y as f32 * self.rays.down;
-            for (x, surfel) in (first..last).zip(&mut surfels[first..last]) {
-                let ray = Ray::new(self.rays.eye, start + x as f32 * self.rays.right);
-                *surfel = match first_surface(&mut self.sampler, &ray, &self.march) {
-                    Some((z, sample)) => self.rays.surfel(x, y, z, &sample),
-                    None => Surfel::NONE,
-                };
+        let (right, bottom) = (
+            (left + TILE).min(self.width),
+            (top + TILE).min(surfels.len() / self.width),
+        );
+        let mut walks = [const { None }; TILE * TILE];
+        let pixels = (top..bottom).flat_map(|y| (left..right).map(move |x| (x, y)));
+        let mut count = 0;
+        for (x, y) in pixels {
+            surfels[y * self.width + x] = Surfel::NONE;
+            let start = self.rays.forward + (self.first_row + y) as f32 * self.rays.down;
+            let ray = Ray::new(self.rays.eye, start + x as f32 * self.rays.right);
+            walks[count] = Walk::start(ray, (x, y), &mut self.sampler, &self.march);
+            count += 1;
+        }
+        let mut is_walking = true;
+        while is_walking {
+            is_walking = false;
+            for walk in &mut walks[..count] {
+                let Some(going) = walk else { continue };
+                match going.turn(&mut self.sampler, &self.march) {
+                    Turn::Ahead => is_walking = true,
+                    Turn::Past => *walk = None,
+                    Turn::Surface(z, sample) => {
+                        let (x, y) = going.pixel;
+                        let mut surfel = self.rays.surfel(x, self.first_row + y, z, &sample);
+                        if self.has_color {
+                            surfel.grey = self.sampler.luminance(going.ray.at(z));
+                        }
+                        surfels[y * self.width + x] = surfel;
+                        *walk = None;
+                    }
+                }
             }
         }
     }
@@ -173,42 +214,107 @@ impl Ray {
     }
 }
 
-/// Depth and field of the first crossing from free space to behind a surface.
-fn first_surface(
-    sampler: &mut Sampler<'_>,
-    ray: &Ray,
-    march: &March,
-) -> Option<(f32, FieldSample)> {
-    let shortest = SHORTEST_STEP * ray.z_per_voxel;
-    let mut z = march.nearest;
-    // Depth and value of the sample before, where it lies in front of a surface.
-    let mut before: Option<(f32, f32)> = None;
-    while z < march.farthest {
-        // The nearest voxel: half a voxel off at most, and the crossing is refined.
-        let point = ray.at(z) + 0.5;
-        let voxel = point.floor().as_ivec3();
-        let block = sampler.block((voxel >> BLOCK_SHIFT).to_array());
-        let Some(block) = block else {
-            before = None;
-            z += (way_out_of_block(point, ray) * ray.z_per_voxel).max(shortest);
-            continue;
+/// A march along one ray.
+struct Walk<'a> {
+    ray: Ray,
+    /// Column, and row of the band.
+    pixel: (usize, usize),
+    /// Where it stands, metres of z.
+    z: f32,
+    /// Depth and value of the sample before, where it lies in front of a surface.
+    before: Option<(f32, f32)>,
+    next: Next<'a>,
+}
+
+/// What a walk looks at in its next turn; it was fetched in the last.
+enum Next<'a> {
+    /// A voxel of a block.
+    Voxel(&'a Block, usize),
+    /// A crossing between two samples (depth and value).
+    Crossing([(f32, f32); 2]),
+}
+
+/// What a turn came to.
+enum Turn {
+    /// There is more to look at.
+    Ahead,
+    /// The ray meets nothing.
+    Past,
+    /// Depth and field of the first crossing from free space to behind a surface.
+    Surface(f32, FieldSample),
+}
+
+impl<'a> Walk<'a> {
+    /// A walk at the first block of its range; `None` without one.
+    fn start(
+        ray: Ray,
+        pixel: (usize, usize),
+        sampler: &mut Sampler<'a>,
+        march: &March,
+    ) -> Option<Self> {
+        let mut walk = Self {
+            ray,
+            pixel,
+            z: march.nearest,
+            before: None,
+            next: Next::Crossing([(0.0, 0.0); 2]),
         };
-        let [x, y, place_z] = (voxel & (BLOCK_EDGE as i32 - 1)).to_array();
-        let index = (x | y << BLOCK_SHIFT | place_z << (2 * BLOCK_SHIFT)) as usize;
-        let tsdf = block.tsdf[index & (BLOCK_VOXELS - 1)];
-        if tsdf.is_sign_negative() {
-            if let Some(before) = before
-                && let Some(found) = refine(sampler, ray, march, before, (z, tsdf))
-            {
-                return Some(found);
-            }
-            before = None;
-        } else {
-            before = Some((z, tsdf));
-        }
-        z += (STEP_SHARE * march.truncation * tsdf.abs()).max(shortest);
+        walk.seek(sampler, march).then_some(walk)
     }
-    None
+
+    fn turn(&mut self, sampler: &mut Sampler<'a>, march: &March) -> Turn {
+        let shortest = SHORTEST_STEP * self.ray.z_per_voxel;
+        match self.next {
+            Next::Voxel(block, voxel) => {
+                let tsdf = block.tsdf[voxel];
+                let here = (self.z, tsdf);
+                self.z += (STEP_SHARE * march.truncation * tsdf.abs()).max(shortest);
+                if !tsdf.is_sign_negative() {
+                    self.before = Some(here);
+                } else if let Some(before) = self.before.take() {
+                    let guess = crossing(before, here);
+                    sampler.fetch(self.ray.at(guess));
+                    self.next = Next::Crossing([before, here]);
+                    return Turn::Ahead;
+                }
+            }
+            Next::Crossing([before, behind]) => {
+                if let Some((z, sample)) = refine(sampler, &self.ray, march, before, behind) {
+                    return Turn::Surface(z, sample);
+                }
+            }
+        }
+        if self.seek(sampler, march) {
+            Turn::Ahead
+        } else {
+            Turn::Past
+        }
+    }
+
+    /// Goes on to the next place that lies in a block and fetches its voxel; `false` beyond the range.
+    fn seek(&mut self, sampler: &mut Sampler<'a>, march: &March) -> bool {
+        let shortest = SHORTEST_STEP * self.ray.z_per_voxel;
+        while self.z < march.farthest {
+            // The nearest voxel: half a voxel off at most, and the crossing is refined.
+            let point = self.ray.at(self.z) + 0.5;
+            let voxel = whole_below(point);
+            if let Some(block) = sampler.block(voxel.map(|v| v >> BLOCK_SHIFT)) {
+                let [x, y, z] = voxel.map(|v| v as usize % BLOCK_EDGE);
+                let index = x | y << BLOCK_SHIFT | z << (2 * BLOCK_SHIFT);
+                prefetch(&block.tsdf, index);
+                self.next = Next::Voxel(block, index);
+                return true;
+            }
+            self.before = None;
+            self.z += (way_out_of_block(point, &self.ray) * self.ray.z_per_voxel).max(shortest);
+        }
+        false
+    }
+}
+
+/// Where the line through two samples (depth and value) crosses zero.
+fn crossing((z_before, tsdf_before): (f32, f32), (z_behind, tsdf_behind): (f32, f32)) -> f32 {
+    z_before + (z_behind - z_before) * tsdf_before / (tsdf_before - tsdf_behind)
 }
 
 /// Voxels of way from `point` to the border of its block.
@@ -226,15 +332,15 @@ fn refine(
     sampler: &mut Sampler<'_>,
     ray: &Ray,
     march: &March,
-    (z_before, tsdf_before): (f32, f32),
-    (z_behind, tsdf_behind): (f32, f32),
+    before: (f32, f32),
+    behind: (f32, f32),
 ) -> Option<(f32, FieldSample)> {
     let slack = CROSSING_SLACK * ray.z_per_voxel;
-    let (low, high) = (z_before - slack, z_behind + slack);
-    let mut z = z_before + (z_behind - z_before) * tsdf_before / (tsdf_before - tsdf_behind);
+    let (low, high) = (before.0 - slack, behind.0 + slack);
+    let mut z = crossing(before, behind);
     for _ in 0..MOST_CORRECTIONS {
-        let sample = sampler.sample(ray.at(z).to_array(), march.min_weight)?;
-        let gradient = Vec3A::from_array(sample.gradient);
+        let sample = sampler.sample(ray.at(z), march.min_weight)?;
+        let gradient = sample.gradient;
         // Change of the value per metre of z: falls where the ray enters a surface.
         let fall = -gradient.dot(ray.slope);
         let is_slope = gradient.length() * march.truncation_voxels > LEAST_GRADIENT;
@@ -300,15 +406,15 @@ impl VoxelRays {
         Vec3A::from_array(local)
     }
 
-    /// Depth of a point in voxels, metres.
-    pub(super) fn depth(&self, point: Vec3A) -> f32 {
-        (self.homogeneous_from_voxels * (point - self.eye)).z
+    /// Homogeneous pixel (u·z, v·z, z) of a point in voxels.
+    pub(super) fn homogeneous(&self, point: Vec3A) -> Vec3A {
+        self.homogeneous_from_voxels * (point - self.eye)
     }
 
-    /// Depth from the middle of a box of half extent `half` voxels to its nearest corner, metres.
-    pub(super) fn depth_reach(&self, half: f32) -> f32 {
-        let [x, y, z] = self.columns().map(|column| column.z.abs());
-        half * (x + y + z)
+    /// Change of the homogeneous pixel per voxel along x, y, z.
+    pub(super) fn voxel_steps(&self) -> [Vec3A; 3] {
+        let matrix = &self.homogeneous_from_voxels;
+        [matrix.x_axis, matrix.y_axis, matrix.z_axis]
     }
 
     /// Whether a ball of `radius` voxels may reach into the image.
@@ -317,29 +423,10 @@ impl VoxelRays {
         self.sides.iter().all(|side| side.dot(from_eye) > -radius)
     }
 
-    /// Least and greatest pixel of a box about `middle`, which lies in front of the camera.
-    pub(super) fn pixel_box(&self, middle: Vec3A, half: f32) -> ([f32; 2], [f32; 2]) {
-        let at = self.homogeneous_from_voxels * (middle - self.eye);
-        let [x, y, z] = self.columns().map(|column| column * half);
-        let (mut low, mut high) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
-        for corner in 0..8_u8 {
-            let sign = |axis: u8| if corner >> axis & 1 == 1 { 1.0 } else { -1.0 };
-            let at = at + sign(0) * x + sign(1) * y + sign(2) * z;
-            let pixel = at / at.z;
-            (low, high) = (low.min(pixel), high.max(pixel));
-        }
-        ([low.x, low.y], [high.x, high.y])
-    }
-
-    fn columns(&self) -> [Vec3A; 3] {
-        let matrix = &self.homogeneous_from_voxels;
-        [matrix.x_axis, matrix.y_axis, matrix.z_axis]
-    }
-
     /// The surfel of pixel (`x`, `y`) at depth `z`.
     fn surfel(&self, x: usize, y: usize, z: f32, sample: &FieldSample) -> Surfel {
         let slope = (DVec2::new(x as f64, y as f64) - self.center) / self.focal;
-        let normal = self.camera_from_volume * Vec3A::from_array(sample.gradient).normalize();
+        let normal = self.camera_from_volume * sample.gradient.normalize();
         Surfel {
             position: [slope.x as f32 * z, slope.y as f32 * z, z],
             grey: 0.0,

@@ -2,14 +2,16 @@
 
 use glam::Vec3A;
 
-use super::blocks::{BlockStore, SLAB_BLOCKS, Slab};
+use super::blocks::{BlockStore, Slab};
 use super::key::{BLOCK_EDGE, unpack};
 use super::predict::VoxelRays;
-use crate::kernels::integrate::Z_NEAR;
+use crate::kernels::integrate::{Octants, Z_NEAR};
 use crate::model_view::DepthRange;
 
 /// Edge of a tile, pixels.
-pub(super) const TILE: usize = 8;
+pub(super) const TILE: usize = 4;
+/// Voxels along an octant of a block.
+const OCTANT_EDGE: f32 = BLOCK_EDGE as f32 / 2.0;
 
 /// The tiles of an image that is being predicted.
 pub(super) struct Tiles<'a> {
@@ -23,47 +25,90 @@ pub(super) struct Tiles<'a> {
 impl Tiles<'_> {
     /// Fits every tile's range around the blocks of `store` that it sees.
     ///
-    /// Surface lies in cells with a corner behind it, so within a voxel of a block that has seen something
-    /// behind: blocks of free space alone do not count.
+    /// Surface lies in cells with a corner behind it, so within a voxel of an octant that has seen something
+    /// behind: what has seen free space alone does not count.
     pub(super) fn fit(&mut self, store: &BlockStore, rays: &VoxelRays) {
         self.ranges.fill(DepthRange::EMPTY);
+        let steps = OctantSteps::new(rays, self.voxel_size);
         for slab in store.slabs() {
-            if slab.behind == 0 || !sees_slab(slab, rays) {
+            if !sees_slab(slab, rays) {
                 continue;
             }
-            let mut left = slab.behind;
-            while left != 0 {
-                let place = left.trailing_zeros() as usize % SLAB_BLOCKS;
-                left &= left - 1;
-                self.add_block(rays.local_voxel(unpack(slab.keys[place])), rays);
+            for (&key, &behind) in slab.keys.iter().zip(&slab.behind) {
+                if behind != 0 {
+                    self.add_block(rays.local_voxel(unpack(key)), behind, &steps, rays);
+                }
             }
         }
     }
 
-    /// Adds the block whose first voxel is `first`.
-    fn add_block(&mut self, first: Vec3A, rays: &VoxelRays) {
+    /// Adds the octants `behind` of the block whose first voxel is `first`.
+    fn add_block(&mut self, first: Vec3A, behind: Octants, steps: &OctantSteps, rays: &VoxelRays) {
         let half = 0.5 * (BLOCK_EDGE as f32 + 1.0);
         let middle = first + (half - 1.0);
-        let radius = half * 3.0_f32.sqrt();
-        if !rays.may_see(middle, radius) {
+        if !rays.may_see(middle, half * 3.0_f32.sqrt()) {
             return;
         }
-        // A voxel of slack in depth: a march starts in front of the surface.
-        let depth = rays.depth(middle);
-        let reach = rays.depth_reach(half) + self.voxel_size;
-        let (nearest, farthest) = (depth - reach, depth + reach);
-        let (mut low, mut high) = ([0.0; 2], [self.width as f32, self.height as f32]);
-        if nearest > Z_NEAR {
-            (low, high) = rays.pixel_box(middle, half);
+        let at = rays.homogeneous(first + steps.middle);
+        for (octant, offset) in steps.offsets.iter().enumerate() {
+            if behind >> octant & 1 == 1 {
+                self.add_octant(at + *offset, steps);
+            }
         }
-        let columns = tiles(low[0], high[0], self.width);
-        let lines = tiles(low[1], high[1], self.height);
+    }
+
+    /// Adds an octant by the homogeneous pixel of its middle.
+    #[inline]
+    fn add_octant(&mut self, at: Vec3A, steps: &OctantSteps) {
+        let (nearest, farthest) = (at.z - steps.reach, at.z + steps.reach);
+        let (mut low, mut high) = (
+            Vec3A::ZERO,
+            Vec3A::new(self.width as f32, self.height as f32, 0.0),
+        );
+        if nearest > Z_NEAR {
+            // A corner at (U + δU) / (z + δz) is off the middle U / z by (δU − (U / z) δz) / (z + δz).
+            let middle = at / at.z;
+            let [x, y, z] = steps.half.map(|step| (step - middle * step.z).abs());
+            let off = (x + y + z) / nearest;
+            (low, high) = (middle - off, middle + off);
+        }
+        let columns = tiles(low.x, high.x, self.width);
+        let lines = tiles(low.y, high.y, self.height);
         let tile_columns = self.width.div_ceil(TILE);
         for line in lines {
             for range in &mut self.ranges[line * tile_columns..][columns.clone()] {
                 range.nearest = range.nearest.min(nearest);
                 range.farthest = range.farthest.max(farthest);
             }
+        }
+    }
+}
+
+/// How octants lie to each other in the image: the same in every block. Homogeneous pixels (u·z, v·z, z).
+struct OctantSteps {
+    /// From a block's first voxel to the middle of octant 0, voxels.
+    middle: Vec3A,
+    /// From the middle of octant 0 to that of each octant.
+    offsets: [Vec3A; 8],
+    /// Half edges, along x, y, z, of the box in which an octant's voxels have cells.
+    half: [Vec3A; 3],
+    /// From a middle to the nearest corner, metres of z, and a voxel more: a march starts in front.
+    reach: f32,
+}
+
+impl OctantSteps {
+    fn new(rays: &VoxelRays, voxel_size: f32) -> Self {
+        // Cells reach from the voxel before the octant to the one behind it.
+        let half = 0.5 * (OCTANT_EDGE + 1.0);
+        let [x, y, z] = rays.voxel_steps();
+        Self {
+            middle: Vec3A::splat(half - 1.0),
+            offsets: std::array::from_fn(|octant| {
+                let step = |axis: usize| (octant >> axis & 1) as f32 * OCTANT_EDGE;
+                step(0) * x + step(1) * y + step(2) * z
+            }),
+            half: [half * x, half * y, half * z],
+            reach: half * (x.z.abs() + y.z.abs() + z.z.abs()) + voxel_size,
         }
     }
 }
@@ -81,9 +126,10 @@ fn sees_slab(slab: &Slab, rays: &VoxelRays) -> bool {
 /// The tiles that hold pixels from `low` to `high`, of `size` pixels.
 fn tiles(low: f32, high: f32, size: usize) -> std::ops::Range<usize> {
     // Casts saturate, at 0 too.
-    let from = (low.ceil() as usize).min(size) / TILE;
+    let count = size.div_ceil(TILE);
+    let from = (low.ceil() as usize / TILE).min(count);
     let to = if high >= 0.0 {
-        (high.floor() as usize).min(size - 1) / TILE + 1
+        (high as usize / TILE + 1).min(count)
     } else {
         0
     };

@@ -1,8 +1,12 @@
 //! Values of the field between voxels, with a cache of the blocks met last.
 
+use glam::{Vec3A, Vec4};
+
 use super::Volume;
-use super::key::{BLOCK_EDGE, BLOCK_SHIFT, pack};
+use super::allocate::whole_below;
+use super::key::{BLOCK_EDGE, BLOCK_SHIFT, BLOCK_VOXELS, pack};
 use crate::kernels::integrate::Block;
+use crate::kernels::prefetch::prefetch;
 
 /// Entries of the cache along an axis, a power of two: neighbouring rays stay within such a cube of blocks.
 const CACHE_EDGE: usize = 8;
@@ -10,11 +14,15 @@ const CACHE_EDGE: usize = 8;
 const SATURATED: f32 = 0.999;
 /// Voxels of a neighbourhood along an axis.
 const REACH: usize = 4;
+/// Stands in where there is no block.
+static NOTHING: Block = Block::EMPTY;
 
 #[derive(Clone, Copy)]
 struct Slot<'a> {
     key: u64,
     block: Option<&'a Block>,
+    /// Index of the block.
+    index: u32,
 }
 
 /// Reads a volume at points given in voxels from an anchor block.
@@ -30,7 +38,7 @@ pub(super) struct FieldSample {
     /// Signed distance in truncations.
     pub(super) tsdf: f32,
     /// Its change per voxel.
-    pub(super) gradient: [f32; 3],
+    pub(super) gradient: Vec3A,
     /// Weight.
     pub(super) weight: f32,
 }
@@ -44,87 +52,135 @@ impl<'a> Sampler<'a> {
             slots: [Slot {
                 key: u64::MAX,
                 block: None,
+                index: 0,
             }; CACHE_EDGE.pow(3)],
         }
     }
 
-    /// The block at coordinates relative to the anchor.
+    /// The block at coordinates relative to the anchor, which lie within ±2²⁰.
     #[inline]
     pub(super) fn block(&mut self, local: [i32; 3]) -> Option<&'a Block> {
+        self.slot(local).block
+    }
+
+    #[inline]
+    fn slot(&mut self, local: [i32; 3]) -> Slot<'a> {
+        let [x, y, z] = local.map(|c| u64::from(c as u32) & 0x1f_ffff);
+        let key = x | y << 21 | z << 42;
+        let [x, y, z] = local.map(|c| c as usize % CACHE_EDGE);
+        let place = (z * CACHE_EDGE + y) * CACHE_EDGE + x;
+        if self.slots[place].key != key {
+            self.slots[place] = self.look_up(key, local);
+        }
+        self.slots[place]
+    }
+
+    #[cold]
+    fn look_up(&self, key: u64, local: [i32; 3]) -> Slot<'a> {
         let block: [i32; 3] =
             std::array::from_fn(|axis| local[axis].wrapping_add(self.anchor[axis]));
-        let key = pack(block)?;
-        let mask = CACHE_EDGE - 1;
-        let [x, y, z] = local.map(|c| c as usize & mask);
-        let slot = &mut self.slots[(z * CACHE_EDGE + y) * CACHE_EDGE + x];
-        if slot.key != key {
-            let index = self.volume.store.find(key);
-            let block = index.map(|index| self.volume.block(index));
-            *slot = Slot { key, block };
+        let index = pack(block).and_then(|key| self.volume.store.find(key));
+        Slot {
+            key,
+            block: index.map(|index| self.volume.block(index)),
+            index: index.unwrap_or(0),
         }
-        slot.block
     }
 
     /// Value and slope at `point`; `None` unless the eight voxels around it have at least `min_weight`.
     ///
     /// The value is trilinear. The slope is the trilinear mean of central differences, or of the differences
     /// between the eight voxels along an axis on which the voxels beyond are not observed or saturated.
-    pub(super) fn sample(&mut self, point: [f32; 3], min_weight: f32) -> Option<FieldSample> {
-        let cell = point.map(f32::floor);
-        let share: [f32; 3] = std::array::from_fn(|axis| point[axis] - cell[axis]);
-        // Whole numbers; the cast saturates, and no block is that far away.
-        let around = Around::new(self, cell.map(|c| c as i32));
+    pub(super) fn sample(&mut self, point: Vec3A, min_weight: f32) -> Option<FieldSample> {
+        let cell = whole_below(point);
+        let share = point - Vec3A::from_array(cell.map(|c| c as f32));
+        let around = Around::new(self, cell);
         let weight = around.weight(share, min_weight)?;
-        let [x_share, y_share, z_share] = share;
 
-        // Along x: rows about the point, blended. Along y and z: every row at the point's x.
-        let mut along_x = [0.0; REACH];
-        let mut at_x = [[0.0; REACH]; REACH];
-        // Largest outer value along x, y, z.
-        let mut ends = [f32::NEG_INFINITY; 3];
-        for (z, line) in at_x.iter_mut().enumerate() {
-            for (y, value) in line.iter_mut().enumerate() {
-                let is_inner = [y == 1 || y == 2, z == 1 || z == 2];
-                if is_inner == [false; 2] {
-                    continue;
-                }
-                let row = around.row(y, z);
-                *value = row[1] + (row[2] - row[1]) * x_share;
-                if is_inner == [true; 2] {
-                    let part = share_of(y, y_share) * share_of(z, z_share);
-                    for (sum, value) in along_x.iter_mut().zip(row) {
-                        *sum += part * value;
-                    }
-                    ends[0] = ends[0].max(row[0].max(row[3]));
-                } else {
-                    let end = &mut ends[1 + usize::from(is_inner[0])];
-                    *end = end.max(row[1].max(row[2]));
-                }
-            }
-        }
-        let along_y: [f32; REACH] =
-            std::array::from_fn(|y| at_x[1][y] + (at_x[2][y] - at_x[1][y]) * z_share);
-        let along_z: [f32; REACH] =
-            std::array::from_fn(|z| at_x[z][1] + (at_x[z][2] - at_x[z][1]) * y_share);
+        // Rows along x, named by their place along y and z; 1 and 2 enclose the point.
+        let row = |y, z| around.row(y, z);
+        let inner = [[row(1, 1), row(2, 1)], [row(1, 2), row(2, 2)]];
+        let (before_y, behind_y) = ([row(0, 1), row(0, 2)], [row(3, 1), row(3, 2)]);
+        let (before_z, behind_z) = ([row(1, 0), row(2, 0)], [row(1, 3), row(2, 3)]);
+        let along_z = |[a, b]: [Vec4; 2]| a + (b - a) * share.z;
+        let along_y = |[a, b]: [Vec4; 2]| a + (b - a) * share.y;
+        let at_x = |row: Vec4| row.y + (row.z - row.y) * share.x;
+        let lines = [along_y(inner[0]), along_y(inner[1])];
+        let middle = along_z(lines);
+        let value = at_x(middle);
+
+        let ends =
+            |rows: [Vec4; 2], others: [Vec4; 2]| rows[0].max(rows[1]).max(others[0].max(others[1]));
+        let ends_x = ends(inner[0], inner[1]);
+        let (ends_y, ends_z) = (ends(before_y, behind_y), ends(before_z, behind_z));
+        let in_y = [[inner[0][0], inner[1][0]], [inner[0][1], inner[1][1]]].map(along_z);
+        let slopes = [
+            slope(middle.to_array(), share.x, ends_x.x.max(ends_x.w)),
+            slope(
+                [along_z(before_y), in_y[0], in_y[1], along_z(behind_y)].map(at_x),
+                share.y,
+                ends_y.y.max(ends_y.z),
+            ),
+            slope(
+                [along_y(before_z), lines[0], lines[1], along_y(behind_z)].map(at_x),
+                share.z,
+                ends_z.y.max(ends_z.z),
+            ),
+        ];
         Some(FieldSample {
-            tsdf: along_x[1] + (along_x[2] - along_x[1]) * x_share,
-            gradient: [
-                slope(along_x, x_share, ends[0]),
-                slope(along_y, y_share, ends[1]),
-                slope(along_z, z_share, ends[2]),
-            ],
+            tsdf: value,
+            gradient: Vec3A::from_array(slopes),
             weight,
         })
     }
+
+    /// Asks for what [`Sampler::sample`] reads at `point`.
+    pub(super) fn fetch(&mut self, point: Vec3A) {
+        let around = Around::new(self, whole_below(point));
+        for z in 0..REACH {
+            // Two rows share a cache line, or nearly so.
+            for y in [0, 2, 3] {
+                around.fetch(y, z, |block| &block.tsdf);
+            }
+        }
+        for (y, z) in [(1, 1), (2, 1), (1, 2), (2, 2)] {
+            around.fetch(y, z, |block| &block.weight);
+        }
+    }
+
+    /// Linear luminance at `point`, Rec. 709: the mean of the colours of the eight voxels around it, by their
+    /// nearness; 0 where at most half of that is known. Lower bounds are not known.
+    pub(super) fn luminance(&mut self, point: Vec3A) -> f32 {
+        let cell = whole_below(point);
+        let share = point - Vec3A::from_array(cell.map(|c| c as f32));
+        let (mut sum, mut known) = (0.0, 0.0);
+        for corner in 0..8usize {
+            let step = |axis: usize| (corner >> axis & 1) as i32;
+            let voxel: [i32; 3] = std::array::from_fn(|axis| cell[axis] + step(axis));
+            let slot = self.slot(voxel.map(|v| v >> BLOCK_SHIFT));
+            let color = slot.block.and_then(|_| self.volume.color(slot.index));
+            let [x, y, z] = voxel.map(|v| v as usize % BLOCK_EDGE);
+            let radiance =
+                color.and_then(|c| c.radiance(x | y << BLOCK_SHIFT | z << (2 * BLOCK_SHIFT)));
+            if let Some(([red, green, blue], false)) = radiance {
+                let portion: f32 = (0..3)
+                    .map(|axis| share_of(corner >> axis & 1, share[axis]))
+                    .product();
+                sum += portion * (0.2126 * red + 0.7152 * green + 0.0722 * blue);
+                known += portion;
+            }
+        }
+        if known > 0.5 { sum / known } else { 0.0 }
+    }
 }
 
-/// Share of inner voxel `place` (1 or 2) at a point `share` of the way from 1 to 2.
+/// Share of the lower (0) or upper (1) end at a point `share` of the way.
 #[inline]
-fn share_of(place: usize, share: f32) -> f32 {
-    if place == 1 { 1.0 - share } else { share }
+fn share_of(end: usize, share: f32) -> f32 {
+    if end == 0 { 1.0 - share } else { share }
 }
 
-/// Slope at `share` between the inner two of four voxels; `ends` is the largest value among the outer ones.
+/// Slope at `share` between the inner two of four values; `ends` is the largest one that the outer two rest on.
 #[inline]
 fn slope(values: [f32; REACH], share: f32, ends: f32) -> f32 {
     let [a, b, c, d] = values;
@@ -138,72 +194,92 @@ fn slope(values: [f32; REACH], share: f32, ends: f32) -> f32 {
 /// The up to eight blocks about a cell, and where its 4³ neighbourhood lies in them.
 struct Around<'a> {
     /// Blocks of the lower and upper part along x, y, z (bits 0, 1, 2).
-    blocks: [Option<&'a Block>; 8],
-    /// Voxel −1 of the neighbourhood.
-    first: [i32; 3],
+    blocks: [&'a Block; 8],
+    /// Place of voxel −1 of the neighbourhood in its block.
+    first: [usize; 3],
 }
 
 impl<'a> Around<'a> {
     fn new(sampler: &mut Sampler<'a>, cell: [i32; 3]) -> Self {
         let first = cell.map(|c| c.wrapping_sub(1));
         let lower = first.map(|c| c >> BLOCK_SHIFT);
+        // Where the neighbourhood ends in the lower block, the upper part is never asked for.
         let upper = first.map(|c| c.wrapping_add(REACH as i32 - 1) >> BLOCK_SHIFT);
-        let mut blocks = [None; 8];
+        let mut blocks = [&NOTHING; 8];
         for (part, block) in blocks.iter_mut().enumerate() {
             let is_upper = |axis: usize| part >> axis & 1 == 1;
-            // Where the neighbourhood ends in the lower block, the upper part is never asked for.
             if (0..3).any(|axis| is_upper(axis) && lower[axis] == upper[axis]) {
                 continue;
             }
-            let at = std::array::from_fn(|axis| {
-                if is_upper(axis) {
-                    upper[axis]
-                } else {
-                    lower[axis]
-                }
-            });
-            *block = sampler.block(at);
+            let ends = [lower, upper];
+            let at = std::array::from_fn(|axis| ends[part >> axis & 1][axis]);
+            *block = sampler.block(at).unwrap_or(&NOTHING);
         }
-        Self { blocks, first }
+        Self {
+            blocks,
+            first: first.map(|c| c as usize % BLOCK_EDGE),
+        }
     }
 
-    /// Part (0 or 1) of a voxel of the neighbourhood along an axis, and its place in that block.
+    /// Part along y and z, and offset in that block, of the row at (y, z).
     #[inline]
-    fn place(&self, axis: usize, voxel: usize) -> (usize, usize) {
-        let at = (self.first[axis] & (BLOCK_EDGE as i32 - 1)) as usize + voxel;
-        (at >> BLOCK_SHIFT, at & (BLOCK_EDGE - 1))
+    fn line(&self, y: usize, z: usize) -> (usize, usize) {
+        let (y, z) = (self.first[1] + y, self.first[2] + z);
+        let part = (y >> BLOCK_SHIFT) << 1 | (z >> BLOCK_SHIFT) << 2;
+        let (y, z) = (y % BLOCK_EDGE, z % BLOCK_EDGE);
+        (part, BLOCK_EDGE * (y + BLOCK_EDGE * z))
     }
 
-    /// Distances of the four voxels in a row along x; 1 where there is no block.
+    /// Four values in a row along x, of what `values` shows of a block.
     #[inline]
-    fn row(&self, y: usize, z: usize) -> [f32; REACH] {
-        let ((part_y, y), (part_z, z)) = (self.place(1, y), self.place(2, z));
-        std::array::from_fn(|x| {
-            let (part_x, x) = self.place(0, x);
-            self.blocks[part_x | part_y << 1 | part_z << 2].map_or(1.0, |block| {
-                block.tsdf[x + BLOCK_EDGE * (y + BLOCK_EDGE * z)]
-            })
-        })
+    fn gather(
+        &self,
+        y: usize,
+        z: usize,
+        values: impl Fn(&'a Block) -> &'a [f32; BLOCK_VOXELS],
+    ) -> Vec4 {
+        let (part, line) = self.line(y, z);
+        let lower = values(self.blocks[part]);
+        let x = self.first[0];
+        if x + REACH <= BLOCK_EDGE {
+            return Vec4::from_slice(&lower[line + x..][..REACH]);
+        }
+        let upper = values(self.blocks[part | 1]);
+        let at = |x: usize| {
+            let half = if x < BLOCK_EDGE { lower } else { upper };
+            half[line + x % BLOCK_EDGE]
+        };
+        Vec4::new(at(x), at(x + 1), at(x + 2), at(x + 3))
+    }
+
+    /// Asks for the values that [`Around::gather`] reads.
+    #[inline]
+    fn fetch(&self, y: usize, z: usize, values: impl Fn(&'a Block) -> &'a [f32; BLOCK_VOXELS]) {
+        let (part, line) = self.line(y, z);
+        let x = self.first[0];
+        prefetch(values(self.blocks[part]), line + x);
+        if x + REACH > BLOCK_EDGE {
+            prefetch(values(self.blocks[part | 1]), line);
+        }
+    }
+
+    /// Distances of a row; 1 where there is no block.
+    #[inline]
+    fn row(&self, y: usize, z: usize) -> Vec4 {
+        self.gather(y, z, |block| &block.tsdf)
     }
 
     /// Trilinear weight of the cell; `None` when one of its corners has less than `min_weight`.
-    fn weight(&self, share: [f32; 3], min_weight: f32) -> Option<f32> {
-        let mut sum = 0.0;
-        for corner in 0..8usize {
-            let (mut part, mut voxel, mut portion) = (0, 0, 1.0);
-            for (axis, &share) in share.iter().enumerate() {
-                let place = 1 + (corner >> axis & 1);
-                let (part_here, at) = self.place(axis, place);
-                part |= part_here << axis;
-                voxel |= at << (BLOCK_SHIFT as usize * axis);
-                portion *= share_of(place, share);
-            }
-            let weight = self.blocks[part]?.weight[voxel];
-            if !(weight >= min_weight) {
-                return None;
-            }
-            sum += portion * weight;
+    #[inline]
+    fn weight(&self, share: Vec3A, min_weight: f32) -> Option<f32> {
+        let row = |y, z| self.gather(y, z, |block| &block.weight);
+        let [a, b, c, d] = [row(1, 1), row(2, 1), row(1, 2), row(2, 2)];
+        let least = a.min(b).min(c.min(d));
+        if !(least.y.min(least.z) >= min_weight) {
+            return None;
         }
-        Some(sum)
+        let (low, high) = (a + (b - a) * share.y, c + (d - c) * share.y);
+        let middle = low + (high - low) * share.z;
+        Some(middle.y + (middle.z - middle.y) * share.x)
     }
 }

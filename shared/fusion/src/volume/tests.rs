@@ -22,7 +22,10 @@ impl Volume {
                     let slab = &mut volume.store.slabs_mut()[place / SLAB_BLOCKS];
                     let block = &mut slab.blocks[place % SLAB_BLOCKS];
                     (block.tsdf[index], block.weight[index]) = field([x, y, z]);
-                    slab.behind |= u64::from(block.tsdf[index] < 0.0) << (place % SLAB_BLOCKS);
+                    if block.tsdf[index] < 0.0 {
+                        let octant = index >> 2 & 1 | index >> 4 & 2 | index >> 6 & 4;
+                        slab.behind[place % SLAB_BLOCKS] |= 1 << octant;
+                    }
                 }
             }
         }

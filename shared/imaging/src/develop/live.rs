@@ -4,7 +4,6 @@ use super::bands::{BAND_ROWS, Band};
 use super::layout::ColorLayout;
 use super::marks::{MarkRule, Marks};
 use super::mosaic::{Mosaic, MosaicRows};
-use super::yuv::{PairOrder, YuvConverter};
 use crate::error::ImagingError;
 use crate::image::Image;
 use crate::kernels::Level;
@@ -151,7 +150,7 @@ impl Developer {
         require_count(grey.len(), width / 2, height / 2)?;
         let marks_grow = chroma_subsampled || self.layout != ColorLayout::Rgb8;
         if marks_grow {
-            self.marks.set(self.rule, frame);
+            self.marks.set(self.level, self.rule, frame);
         }
         let mut scratch = std::mem::take(&mut self.scratch);
         let all = Band {
@@ -201,23 +200,13 @@ impl Developer {
             let samples = &frame[y * row_bytes..][..row_bytes];
             let codes: &[[u8; 3]] = match self.rule {
                 MarkRule::Yuv(converter, order) => {
-                    self.rgb_row(&converter, order, samples, codes);
+                    converter.rgb_row(self.level, order, samples, codes);
                     codes
                 }
                 MarkRule::Rgb8 | MarkRule::Bayer => samples.as_chunks().0,
             };
-            output.code_row(y, codes, marks_grow);
+            output.code_row(y, codes, marks_grow, flags);
         }
-    }
-
-    fn rgb_row(
-        &self,
-        converter: &YuvConverter,
-        order: PairOrder,
-        samples: &[u8],
-        codes: &mut [[u8; 3]],
-    ) {
-        converter.rgb_row(order, samples.as_chunks().0, codes);
     }
 }
 
@@ -230,7 +219,7 @@ struct BandOutput<'a> {
 }
 
 impl BandOutput<'_> {
-    fn code_row(&mut self, y: usize, codes: &[[u8; 3]], marks_grow: bool) {
+    fn code_row(&mut self, y: usize, codes: &[[u8; 3]], marks_grow: bool, flags: &mut [u8]) {
         let Developer {
             level,
             width,
@@ -242,12 +231,20 @@ impl BandOutput<'_> {
         let row = &mut self.pixels[(y - self.first_row) * width..][..*width];
         linear_row(*level, lanes, codes, &factor[y * width..][..*width], row);
         if marks_grow {
+            let mut has_any = false;
+            flags.fill(0);
             marks.for_each_near(y, |marked| {
-                for (pixel, _) in row.iter_mut().zip(marked).filter(|(_, marked)| **marked) {
-                    // An invalid pixel stays without flags.
-                    pixel.0[3] |= (pixel.0[3] & LinearPixel::VALID) * LinearPixel::SATURATED;
+                has_any = true;
+                for (flag, &marked) in flags.iter_mut().zip(marked) {
+                    *flag |= u8::from(marked);
                 }
             });
+            if has_any {
+                for (pixel, &flag) in row.iter_mut().zip(flags.iter()) {
+                    // An invalid pixel stays without flags.
+                    pixel.0[3] |= (pixel.0[3] & u16::from(flag)) << 1;
+                }
+            }
         }
         self.grey_below(y);
     }
@@ -276,7 +273,7 @@ impl BandOutput<'_> {
         let width = self.developer.width;
         let row = y - self.first_row;
         let half = width / 2;
-        if row % 2 == 0 || half == 0 {
+        if row.is_multiple_of(2) || half == 0 {
             return;
         }
         let (above, below) = self.pixels[(row - 1) * width..][..2 * width].split_at(width);

@@ -6,6 +6,7 @@ use super::bands::BAND_ROWS;
 use super::layout::ColorLayout;
 use super::yuv::{PairOrder, YuvConverter};
 use crate::image::{Image, Mask};
+use crate::kernels::Level;
 use crate::radiance::{CHROMA_REACH, SATURATION_CODE, dilated};
 
 /// Raw marks of a frame, already grown along rows; [`Marks::for_each_near`] grows them across rows.
@@ -35,10 +36,10 @@ impl MarkRule {
     }
 
     /// Marks the clipped pixels of a row; says whether there is any.
-    fn mark(self, samples: &[u8], marks: &mut [bool]) -> bool {
+    fn mark(self, level: Level, samples: &[u8], marks: &mut [bool]) -> bool {
         match self {
             Self::Yuv(converter, order) => {
-                converter.saturated_row(order, samples.as_chunks().0, marks);
+                converter.saturated_row(level, order, samples, marks);
                 return marks.contains(&true);
             }
             Self::Rgb8 | Self::Bayer => {}
@@ -73,7 +74,7 @@ impl Marks {
     }
 
     /// Marks a frame.
-    pub(super) fn set(&mut self, rule: MarkRule, frame: &[u8]) {
+    pub(super) fn set(&mut self, level: Level, rule: MarkRule, frame: &[u8]) {
         let row_bytes = frame.len() / self.has_any.len();
         let width = self.width;
         self.grown
@@ -83,7 +84,7 @@ impl Marks {
             .for_each(|((grown, has_any), samples)| {
                 let rows = grown.chunks_mut(width).zip(has_any);
                 for ((row, has_any), samples) in rows.zip(samples.chunks(row_bytes)) {
-                    *has_any = rule.mark(samples, row);
+                    *has_any = rule.mark(level, samples, row);
                     if *has_any {
                         grow_along(row, CHROMA_REACH as usize);
                     }
@@ -124,7 +125,7 @@ pub(super) fn marks_of(layout: ColorLayout, frame: &[u8], width: u32, height: u3
     let row_bytes = frame.len() / height as usize;
     let mut mask = Image::new(width, height, false);
     for (y, samples) in (0..height).zip(frame.chunks(row_bytes)) {
-        rule.mark(samples, mask.row_mut(y));
+        rule.mark(Level::detect(), samples, mask.row_mut(y));
     }
     dilated(&mask, CHROMA_REACH)
 }

@@ -98,11 +98,12 @@ fn codes_of_rows(
     };
     let mut codes = Image::new(width, height, [0; 3]);
     let row_bytes = 2 * width as usize;
+    let level = Level::detect();
     codes
         .pixels_mut()
         .par_chunks_mut(width as usize)
         .zip(frame.par_chunks(row_bytes))
-        .for_each(|(codes, samples)| converter.rgb_row(order, samples.as_chunks().0, codes));
+        .for_each(|(codes, samples)| converter.rgb_row(level, order, samples, codes));
     Ok(codes)
 }
 

@@ -152,7 +152,7 @@ fn frames_of_another_size_are_refused() {
         let mut developer = Developer::new(&corrector, layout).unwrap();
         let frame = noise(layout, 8, 6, 6);
         let mut pixels = vec![LinearPixel::INVALID; 48];
-        let mut grey = vec![0.0; 12];
+        let mut grey = [0.0; 12];
         let mut refuses = |frame: &[u8], pixel_count: usize, grey_count: usize| {
             developer
                 .develop(

@@ -3,6 +3,7 @@
 pub(crate) mod demosaic;
 pub(crate) mod develop;
 pub(crate) mod register;
+pub(crate) mod yuv;
 
 /// Which instructions a kernel uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

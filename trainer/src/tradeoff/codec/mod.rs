@@ -1,7 +1,7 @@
 //! Subject `codec`: core-milliseconds a pair against bytes a pair. Everything is lossless, and checked to be.
 //!
-//! A point reads frames of a recording into memory, codes and stores them as a recorder does, reads the payloads
-//! back and compares. Baselines that a reader knows stand beside the coders of `sequence`: RVL as published and
+//! A point reads frames of a recording into memory, codes and stores them as a recorder does, decodes the payloads
+//! and compares, three times over. Baselines that a reader knows stand beside the coders of `sequence`: RVL as published and
 //! 16-bit PNG.
 
 mod coder;
@@ -50,7 +50,7 @@ pub const SUBJECT: Subject = Subject {
     ],
     cost: Axis {
         key: "encode_ms",
-        label: "core-ms a pair to encode and store (median)",
+        label: "core-ms a pair to encode and store (median of the fastest of 3)",
     },
     error: Axis {
         key: "bytes_per_pair",
@@ -67,7 +67,7 @@ pub const SUBJECT: Subject = Subject {
         },
         Axis {
             key: "decode_ms",
-            label: "decode, core-ms (median)",
+            label: "decode, core-ms (median of the fastest of 3)",
         },
         Axis {
             key: "decode_ms_p99",
@@ -85,6 +85,16 @@ pub const SUBJECT: Subject = Subject {
             key: "rss_peak_mb",
             label: "peak memory, MiB",
         },
+    ],
+    no_candidates: &[
+        (
+            "depth-domain=codes",
+            "what a sensor that sends codes would cost: no choice of ours",
+        ),
+        (
+            "chunk-pairs=60",
+            "a crash may cost two seconds: design.md allows about one",
+        ),
     ],
     tracked: None,
 };

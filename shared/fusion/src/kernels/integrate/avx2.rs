@@ -10,7 +10,7 @@
 
 use std::arch::x86_64::*;
 
-use super::observations::{Observations, ROWS};
+use super::observations::{Observations, Octants, ROWS, first_octant};
 use super::{Block, BlockView, ColorBlock, ColorView, Conflicts, DepthView, UpdateRule, Z_NEAR};
 use crate::volume::key::BLOCK_EDGE;
 
@@ -27,7 +27,7 @@ pub(super) fn integrate_rows(
     view: &BlockView,
     rule: &UpdateRule,
     conflicts: &mut Conflicts,
-) -> bool {
+) -> Octants {
     // Anyone can write `Level::Avx2`; asking costs one load.
     if !std::is_x86_feature_detected!("avx2") {
         return super::scalar::integrate_rows(block, color, image, view, rule, conflicts);
@@ -41,7 +41,7 @@ pub(super) fn integrate_rows(
         }
         average_rows(block, color, rule, conflicts);
     }
-    conflicts.observations.is_behind
+    conflicts.observations.behind
 }
 
 /// Reads the image for every row that can be in the band, and fetches the block `ahead` meanwhile.
@@ -56,7 +56,7 @@ fn observe<const INSIDE: bool>(
 ) {
     let mut start = [[0.0f32; ROWS]; 3];
     let (active, free) = row_starts(view, &mut start);
-    (out.rows, out.projected, out.is_behind) = (0, 0, false);
+    (out.rows, out.projected) = (0, 0);
     let Some(last) = image.depth.len().checked_sub(1) else {
         return;
     };
@@ -69,7 +69,7 @@ fn observe<const INSIDE: bool>(
     let width = _mm256_set1_ps(image.width as f32);
     let height = _mm256_set1_ps(image.height as f32);
     let columns = _mm256_set1_epi32(image.width as i32);
-    let behind = _mm256_set1_ps(-rule.truncation);
+    let deepest = _mm256_set1_ps(-rule.truncation);
     let per_metre = _mm256_set1_ps(1.0 / rule.truncation);
     let weight_at_one_metre = _mm256_set1_ps(rule.weight_at_one_metre);
     let lanes = lanes();
@@ -93,7 +93,7 @@ fn observe<const INSIDE: bool>(
         out.rows |= u64::from(_mm256_movemask_ps(in_front) != 0) << row;
     }
 
-    let mut behind_lanes = 0;
+    let mut behind = 0;
     let mut left = active & !free;
     while left != 0 {
         let row = left.trailing_zeros() as usize;
@@ -131,7 +131,7 @@ fn observe<const INSIDE: bool>(
         }
         let distance = _mm256_sub_ps(depth, z);
         let measured = _mm256_cmp_ps::<_CMP_GT_OQ>(depth, zero);
-        let reached = _mm256_cmp_ps::<_CMP_GE_OQ>(distance, behind);
+        let reached = _mm256_cmp_ps::<_CMP_GE_OQ>(distance, deepest);
         let observed = _mm256_and_ps(measured, reached);
         let tsdf = _mm256_min_ps(_mm256_mul_ps(distance, per_metre), one);
         let weight = _mm256_mul_ps(_mm256_mul_ps(inverse_z, inverse_z), weight_at_one_metre);
@@ -141,10 +141,12 @@ fn observe<const INSIDE: bool>(
         store_row(&mut out.weight, row, weight);
         out.rows |= u64::from(_mm256_movemask_ps(observed) != 0) << row;
         let is_counted = _mm256_cmp_ps::<_CMP_GT_OQ>(weight, zero);
-        behind_lanes |= _mm256_movemask_ps(_mm256_and_ps(tsdf, is_counted));
+        let lanes = _mm256_movemask_ps(_mm256_and_ps(tsdf, is_counted));
+        let halves = u8::from(lanes & 0x0f != 0) | u8::from(lanes & 0xf0 != 0) << 1;
+        behind |= halves << first_octant(row);
     }
     out.projected = active & !free;
-    out.is_behind = behind_lanes != 0;
+    out.behind = behind;
 }
 
 /// Fuses the observed rows into the block; sign conflicts are held back.

@@ -24,6 +24,7 @@ mod tests;
 
 pub use self::color::{ColorBlock, ColorView, SATURATED};
 pub use self::conflicts::Conflicts;
+pub use self::observations::Octants;
 use super::Level;
 use crate::volume::key::BLOCK_VOXELS;
 
@@ -104,7 +105,7 @@ pub struct UpdateRule {
 
 /// Fuses `image` into `block` as `view` and `rule` say, and the registered `color` image, where there is one,
 /// into the colour of the same voxels; `conflicts` is scratch, and `ahead` the block of the next call, which is
-/// fetched into the cache. Returns whether an observation lies behind the surface.
+/// fetched into the cache. Returns the octants in which an observation lies behind the surface.
 ///
 /// The block must hold what earlier calls made of [`Block::EMPTY`]: finite values, weights from 0 to the cap.
 ///
@@ -120,7 +121,7 @@ pub fn integrate_block(
     view: &BlockView,
     rule: &UpdateRule,
     conflicts: &mut Conflicts,
-) -> bool {
+) -> Octants {
     // The vector kernel's reads rest on these lines.
     assert!(image.width.max(image.height) <= LARGEST_SIDE);
     assert!(image.depth.len() <= MOST_PIXELS);
@@ -138,13 +139,13 @@ pub fn integrate_block(
         assert!(colors.reach < 1.0, "free space has no colour");
     }
     conflicts.clear();
-    let is_behind = match level {
+    let behind = match level {
         #[cfg(target_arch = "x86_64")]
         Level::Avx2 => avx2::integrate_rows(block, color, ahead, image, view, rule, conflicts),
         _ => scalar::integrate_rows(block, color, image, view, rule, conflicts),
     };
     conflicts.resolve(block, view, rule);
-    is_behind
+    behind
 }
 
 /// Homogeneous pixel of voxel (0, y, z).

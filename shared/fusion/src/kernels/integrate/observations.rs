@@ -2,6 +2,16 @@
 
 use crate::volume::key::{BLOCK_EDGE, BLOCK_VOXELS};
 
+/// A bit for each 4³ voxels of a block, x lowest, then y, then z.
+pub type Octants = u8;
+
+/// Octant of the first voxel of a row; the second half of the row lies in the next.
+#[inline]
+pub(super) fn first_octant(row: usize) -> usize {
+    let half = BLOCK_EDGE / 2;
+    2 * (row % BLOCK_EDGE / half) + 4 * (row / BLOCK_EDGE / half)
+}
+
 /// Rows of a block.
 pub(super) const ROWS: usize = BLOCK_EDGE * BLOCK_EDGE;
 
@@ -17,8 +27,8 @@ pub(super) struct Observations {
     pub(super) rows: u64,
     /// Bit r: row r was projected; its pixels are indices of the image.
     pub(super) projected: u64,
-    /// Whether an observation lies behind the surface.
-    pub(super) is_behind: bool,
+    /// Octants with an observation behind the surface.
+    pub(super) behind: Octants,
 }
 
 impl Observations {
@@ -28,6 +38,6 @@ impl Observations {
         pixel: [[0; BLOCK_EDGE]; ROWS],
         rows: 0,
         projected: 0,
-        is_behind: false,
+        behind: 0,
     };
 }

@@ -1,5 +1,6 @@
 //! The specification of the row update.
 
+use super::observations::{Octants, first_octant};
 use super::{
     Block, BlockView, ColorBlock, ColorView, Conflicts, DepthView, UpdateRule, Z_NEAR, average,
     row_start,
@@ -7,7 +8,8 @@ use super::{
 use crate::volume::key::BLOCK_EDGE;
 
 /// Updates every voxel of `block`, and the colour of those near the observed surface; sign conflicts go to
-/// `conflicts` instead. Returns whether an observation lies behind the surface.
+/// `conflicts` instead. Returns the octants in
+/// which an observation lies behind the surface.
 pub(super) fn integrate_rows(
     block: &mut Block,
     mut color: Option<(&mut ColorBlock, ColorView<'_>)>,
@@ -15,10 +17,10 @@ pub(super) fn integrate_rows(
     view: &BlockView,
     rule: &UpdateRule,
     conflicts: &mut Conflicts,
-) -> bool {
+) -> Octants {
     conflicts.before.clone_from(block);
     conflicts.set_rows(u64::MAX);
-    let mut is_behind = false;
+    let mut behind = 0;
     let per_metre = 1.0 / rule.truncation;
     let weighted_conflict = rule.conflict_at_one_metre * rule.weight_at_one_metre;
     for row in 0..BLOCK_EDGE * BLOCK_EDGE {
@@ -60,7 +62,9 @@ pub(super) fn integrate_rows(
             if weight <= 0.0 {
                 continue;
             }
-            is_behind |= tsdf.is_sign_negative();
+            if tsdf.is_sign_negative() {
+                behind |= 1 << (first_octant(row) + 2 * x / BLOCK_EDGE);
+            }
             let index = row * BLOCK_EDGE + x;
             let (stored, stored_weight) = (block.tsdf[index], block.weight[index]);
             let difference = (tsdf - stored).abs();
@@ -82,5 +86,5 @@ pub(super) fn integrate_rows(
             }
         }
     }
-    is_behind
+    behind
 }

@@ -123,7 +123,11 @@ pub(super) fn seen_sample(seen: &Seen, x: f32, y: f32, inverse_depth: f32) -> Li
 /// Bilinear among the valid pixels about (x, y), which lies in the image; saturated where any of them is;
 /// invalid where they hold less than half of the weight.
 pub(super) fn sample(seen: &Seen, x: f32, y: f32) -> LinearPixel {
-    let corner = Corner::of(x, y);
+    // In the outer half of a border pixel there is nothing to mix it with.
+    let corner = Corner::of(
+        x.clamp(0.0, seen.width as f32 - 1.0),
+        y.clamp(0.0, seen.height as f32 - 1.0),
+    );
     let [left, right] = corner.x_shares;
     let [upper, lower] = corner.y_shares;
     let weights = [left * upper, left * lower, right * upper, right * lower];
@@ -179,11 +183,11 @@ struct Corner {
 }
 
 impl Corner {
-    /// Of coordinates of at least −0.5.
+    /// Of coordinates of at least 0.
     #[inline(always)]
     fn of(x: f32, y: f32) -> Self {
-        // Truncation rounds down what is positive.
         let at = |value: f32| {
+            // In the vector twin coordinates may be −0.5, and truncation rounds down what is positive.
             let corner = (value + 1.0) as i32 - 1;
             let share = (value - corner as f32).clamp(0.0, 1.0);
             (corner, [1.0 - share, share])
