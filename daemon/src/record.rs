@@ -225,6 +225,9 @@ impl<'status> Recorder<'status> {
         self.send_gaps(DEPTH_STREAM, times.number, Some(times.device_nanos));
         if !times.is_repeat {
             self.previous_depth.clone_from(&frame.samples);
+            if let Some(link) = &self.ends.fuse {
+                link.announce();
+            }
         }
         let (payload, table) = self.depth_encoder.encode(&frame.samples)?;
         if let Some(table) = table {

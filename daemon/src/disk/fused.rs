@@ -63,7 +63,7 @@ impl SourcePoses {
 /// Until when [`Disk::await_fused`] waits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Until {
-    /// All frames that the fuse thread has now are done.
+    /// All frames that are in the file now are tracked or skipped.
     InStep,
     /// The fuse thread is done with everything.
     Over,
@@ -92,7 +92,7 @@ impl Disk<'_> {
     /// Waits for poses: as long as it takes where nobody is in a hurry, else 50 ms.
     pub(super) fn await_fused(&mut self, until: Until) -> Result<(), SequenceError> {
         let begun = Instant::now();
-        let target = self.fuse.as_ref().map(|fuse| fuse.progress.handed());
+        let target = self.fuse.as_ref().map(|fuse| fuse.progress.announced());
         loop {
             let Some(fuse) = &self.fuse else {
                 return Ok(());

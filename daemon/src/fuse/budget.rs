@@ -4,8 +4,8 @@ use fusion::live::Effort;
 
 /// Share of a new measurement in the smoothed time.
 const SHARE: f64 = 1.0 / 8.0;
-/// Frames that a step is given to show what it brings.
-const SETTLE_FRAMES: u32 = 15;
+/// Periods that a step is given to show what it brings: half a second at 30 Hz.
+const SETTLE_PERIODS: f64 = 15.0;
 /// Below this share of the period a step is taken back.
 const COMFORTABLE: f64 = 0.7;
 /// Frames that must be comfortable before a step is taken back, at first …
@@ -18,9 +18,11 @@ const MOST_PATIENCE: u32 = 1440;
 #[derive(Clone, Debug)]
 pub struct Budget {
     period_nanos: f64,
-    smoothed_nanos: f64,
+    /// `None` before the first frame of a level.
+    smoothed_nanos: Option<f64>,
     level: usize,
-    settling: u32,
+    /// Periods that are left to this level.
+    settling: f64,
     comfortable_frames: u32,
     patience: u32,
     /// The last change took a step back, and has not proved right yet.
@@ -35,9 +37,9 @@ impl Budget {
     pub fn new(period_nanos: i64) -> Self {
         Self {
             period_nanos: period_nanos.max(1) as f64,
-            smoothed_nanos: 0.0,
+            smoothed_nanos: None,
             level: 0,
-            settling: SETTLE_FRAMES,
+            settling: SETTLE_PERIODS,
             comfortable_frames: 0,
             patience: LEAST_PATIENCE,
             is_on_trial: false,
@@ -71,17 +73,20 @@ impl Budget {
     /// Counts a frame that took `nanos`; the new level when it changes.
     pub fn count(&mut self, nanos: i64) -> Option<usize> {
         let nanos = nanos.max(0) as f64;
-        self.smoothed_nanos += SHARE * (nanos - self.smoothed_nanos);
-        if self.smoothed_nanos < COMFORTABLE * self.period_nanos {
+        let before = self.smoothed_nanos.unwrap_or(nanos);
+        let smoothed_nanos = before + SHARE * (nanos - before);
+        self.smoothed_nanos = Some(smoothed_nanos);
+        if smoothed_nanos < COMFORTABLE * self.period_nanos {
             self.comfortable_frames = self.comfortable_frames.saturating_add(1);
         } else {
             self.comfortable_frames = 0;
         }
-        self.settling = self.settling.saturating_sub(1);
-        if self.settling > 0 {
+        // A frame stands for the periods that passed meanwhile.
+        self.settling -= (nanos / self.period_nanos).max(1.0);
+        if self.settling > 0.0 {
             return None;
         }
-        if self.smoothed_nanos > self.period_nanos {
+        if smoothed_nanos > self.period_nanos {
             if self.is_on_trial {
                 self.patience = (2 * self.patience).min(MOST_PATIENCE);
             }
@@ -104,7 +109,8 @@ impl Budget {
 
     fn change_to(&mut self, level: usize) -> usize {
         self.level = level;
-        self.settling = SETTLE_FRAMES;
+        self.settling = SETTLE_PERIODS;
+        self.smoothed_nanos = None;
         self.comfortable_frames = 0;
         level
     }
@@ -155,6 +161,13 @@ mod tests {
     }
 
     #[test]
+    fn very_late_frames_do_not_take_seconds_to_be_noticed() {
+        let mut budget = Budget::new(PERIOD);
+        let up = levels(&mut budget, 12, |_| 10 * PERIOD);
+        assert_eq!(up.last(), Some(&3), "{up:?}");
+    }
+
+    #[test]
     fn a_time_between_the_bounds_holds_the_level() {
         let mut budget = Budget::new(PERIOD);
         levels(&mut budget, 40, |_| 2 * PERIOD);
@@ -181,7 +194,7 @@ mod tests {
         };
         let levels = levels(&mut budget, 6000, cost);
         let changes = levels.windows(2).filter(|pair| pair[0] != pair[1]).count();
-        let naive = 6000 / (LEAST_PATIENCE as usize + 2 * SETTLE_FRAMES as usize);
+        let naive = 6000 / (LEAST_PATIENCE as usize + 2 * SETTLE_PERIODS as usize);
         assert!(changes < naive / 2, "{changes} changes");
         assert!(levels.iter().filter(|level| **level == 1).count() > 5000);
     }

@@ -28,19 +28,19 @@ pub struct FuseUnit {
 /// What became of depth frames behind the record thread.
 #[derive(Debug, Default)]
 pub struct Progress {
-    handed: AtomicU64,
+    announced: AtomicU64,
     done: AtomicU64,
     skipped: AtomicU64,
     repeats: AtomicU64,
 }
 
 impl Progress {
-    /// Frames that the fuse thread got.
-    pub fn handed(&self) -> u64 {
-        self.handed.load(Ordering::Acquire)
+    /// Frames that are handed on, or will be.
+    pub fn announced(&self) -> u64 {
+        self.announced.load(Ordering::Acquire)
     }
 
-    /// Frames that the fuse thread is done with.
+    /// Frames among them that have been tracked or skipped.
     pub fn done(&self) -> u64 {
         self.done.load(Ordering::Acquire)
     }
@@ -135,15 +135,19 @@ impl FuseLink {
         self.progress.repeats.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Hands a frame on; gives it back, and counts it as skipped, when there is no room. Waits for room at `parker`
+    /// Says that a frame will be handed on. Said before the frame is in the file: who closes the file and waits for the
+    /// poses of all its frames must not miss this one.
+    pub fn announce(&self) {
+        self.progress.announced.fetch_add(1, Ordering::AcqRel);
+    }
+
+    /// Hands an announced frame on; gives it back, and counts it as skipped, when there is no room. Waits for room at `parker`
     /// where the source can be paused.
     pub fn hand(&mut self, unit: FuseUnit, parker: &Parker) -> Result<(), FuseUnit> {
         while self.waits && self.to.is_full() && self.to.read_is_held() && !self.stop.is_set() {
             self.fuse.unpark();
             parker.park_timeout(LONGEST_PARK);
         }
-        // Counted first: who waits for all that was handed must not miss this one.
-        self.progress.handed.fetch_add(1, Ordering::AcqRel);
         let refused = if self.to.read_is_held() {
             self.to.try_push(unit)
         } else {
