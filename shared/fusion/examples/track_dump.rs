@@ -1,6 +1,7 @@
 //! Tracks and fuses a dump of RGB-D frames and compares the path with a reference, as one line of JSON.
 //!
-//! `track_dump DUMP [--voxel-mm 5] [--threads 1] [--frames A..B,C..D,blank*N,…] [--no-grey] [--poses OUT.txt] [--verbose]`
+//! `track_dump DUMP [--voxel-mm 5] [--threads 1] [--frames A..B,C..D,blank*N,…] [--no-grey] [--coarse-view] [--skip-finest]
+//! [--poses OUT.txt] [--verbose]`
 //!
 //! DUMP, little-endian: u32 columns, rows, frames, 1; f64 fx, fy, cx, cy, metres per unit of the depth camera; u32
 //! columns, rows, f64 fx, fy, cx, cy of the colour camera; 16 f64 color_from_depth; per frame i64 nanoseconds, 16 f64
@@ -29,6 +30,7 @@ struct Arguments {
     frames: std::ops::Range<usize>,
     list: Vec<usize>,
     grey: bool,
+    effort: Effort,
     poses: Option<String>,
     verbose: bool,
 }
@@ -50,12 +52,15 @@ fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> 
         frames: 0..usize::MAX,
         list: Vec::new(),
         grey: true,
+        effort: Effort::default(),
         poses: None,
         verbose: false,
     };
     while let Some(flag) = words.next() {
         match flag.as_str() {
             "--no-grey" => arguments.grey = false,
+            "--coarse-view" => arguments.effort.coarse_view = true,
+            "--skip-finest" => arguments.effort.skip_finest = true,
             "--verbose" => arguments.verbose = true,
             _ => {
                 let value = words.next().ok_or("a value is missing")?;
@@ -196,7 +201,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         live.load(&frame.depth, arguments.grey);
         let loaded = process_ms();
-        let tracked = live.track(time, Effort::default());
+        let tracked = live.track(time, arguments.effort);
         let found = process_ms();
         live.fuse(&frame.depth, arguments.grey.then_some(&pixels))?;
         let fused = process_ms();

@@ -307,7 +307,8 @@ impl LiveFusion {
     }
 
     fn predict(&mut self, world_from_camera: &Pose, effort: Effort) {
-        let level = usize::from(effort.coarse_view).min(self.points.levels().len() - 1);
+        let level = self.config.view_level + usize::from(effort.coarse_view);
+        let level = level.min(self.points.levels().len() - 1);
         let camera: Intrinsics = self.points.levels()[level].camera;
         self.maps[self.map]
             .volume

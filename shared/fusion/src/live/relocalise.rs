@@ -51,7 +51,8 @@ impl LiveFusion {
 
     /// Alignment with the view of a keyframe; `None` unless it stands up.
     fn aligned_with(&mut self, index: usize, map: usize, pose: &Pose) -> Option<Alignment> {
-        let camera = self.points.levels()[0].camera;
+        let levels = self.points.levels();
+        let camera = levels[self.config.view_level.min(levels.len() - 1)].camera;
         self.maps[map].volume.predict(&camera, pose, &mut self.view);
         let start = self.turned_from(index);
         let input = IcpInput {

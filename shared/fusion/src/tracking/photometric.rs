@@ -14,9 +14,6 @@ use crate::model_view::{ModelView, Surfel};
 
 /// Rows of the view in one parallel task, and in one f32 sum. Fixed, so that sums do not depend on threads.
 const BAND_ROWS: usize = 8;
-/// Of the view's pixels in each direction one in so many is looked at, at the half size of the photograph; in smaller
-/// sizes fewer yet: neighbours say the same.
-const STRIDE: usize = 2;
 /// Unknowns: six of motion, gain, offset.
 const UNKNOWNS: usize = 8;
 /// Gradient of a half-size photograph, radiance per pixel, below which a pixel says nothing: three standard
@@ -201,7 +198,8 @@ impl Photometric {
             sigma: self.sigma,
         };
         let width = view.camera.width() as usize;
-        let stride = STRIDE << level;
+        // Fewer in smaller sizes of the photograph: neighbours say the same.
+        let stride = 1 << level;
         let height = view.camera.height() as usize;
         self.bands
             .resize(height.div_ceil(BAND_ROWS), Sums::<f32>::ZERO);
@@ -251,7 +249,7 @@ impl Photometric {
             [-ab / determinant, aa / determinant],
         ];
         let mut equations = NormalEquations::ZERO;
-        let scale = INDEPENDENT_SHARE * (STRIDE << level).pow(2) as f64 / variance;
+        let scale = INDEPENDENT_SHARE * f64::from(1 << (2 * level)) / variance;
         for row in 0..6 {
             let coupling = [total.hessian[row][6], total.hessian[row][7]];
             let reduced: [f64; 2] =
