@@ -17,7 +17,11 @@ use crate::model_view::{DepthRange, ModelView, Surfel};
 mod tests;
 
 /// Rows of tiles of one parallel task. Each pixel is computed by itself, so tasks do not show in the result.
-const BAND_TILES: usize = 4;
+const BAND_TILES: usize = 8;
+/// Every so many columns and rows a pixel is marched; those between start from them.
+const GRID: usize = 2;
+/// Columns that are predicted together.
+const STRIP: usize = 16;
 /// Share of the distance that the field promises which a step uses (hard-cases D16).
 const STEP_SHARE: f32 = 0.8;
 /// Shortest step, in voxels.
@@ -40,8 +44,6 @@ struct March {
     /// The same in voxels.
     truncation_voxels: f32,
     /// Depths that the volume takes.
-    gate: [f32; 2],
-    /// Where the tile's rays start and end.
     nearest: f32,
     farthest: f32,
     min_weight: f32,
@@ -118,10 +120,15 @@ impl Volume {
                     width,
                     has_color: self.has_color(),
                 };
-                // Column by column, so that the sampler meets the same blocks again.
-                for column in 0..tile_columns {
-                    for (line, ranges) in ranges.chunks_exact(tile_columns).enumerate() {
-                        band.predict_tile(column * TILE, line * TILE, &ranges[column], surfels);
+                // Strip by strip, so that the sampler meets the same blocks again. Pixels between those of a
+                // strip's grid look at the first of the next.
+                let strip_count = width.div_ceil(STRIP);
+                for strip in 0..=strip_count {
+                    if strip < strip_count {
+                        band.march_strip(strip * STRIP, ranges, surfels);
+                    }
+                    if strip > 0 {
+                        band.fill_strip((strip - 1) * STRIP, ranges, surfels);
                     }
                 }
             });
@@ -132,12 +139,8 @@ impl Volume {
         March {
             truncation: self.config.truncation(),
             truncation_voxels: self.config.truncation_voxels,
-            gate: [
-                self.config.min_depth,
-                self.config.max_depth + self.config.truncation(),
-            ],
-            nearest: 0.0,
-            farthest: 0.0,
+            nearest: self.config.min_depth,
+            farthest: self.config.max_depth + self.config.truncation(),
             min_weight,
         }
     }
@@ -153,54 +156,126 @@ struct Band<'a> {
     has_color: bool,
 }
 
-impl Band<'_> {
-    /// Predicts the pixels of the tile at (`left`, `top`) of the band, whose rows are `surfels`.
+impl<'a> Band<'a> {
+    /// Predicts every second pixel of every second row of the strip from column `left`.
     ///
-    /// The tile's rays take turns: each asks for the voxel that it needs next and looks at it a turn later,
+    /// The rays of a row take turns: each asks for the voxel that it needs next and looks at it a turn later,
     /// because a march is a chain of reads that each wait for memory.
-    fn predict_tile(
-        &mut self,
-        left: usize,
-        top: usize,
-        range: &DepthRange,
-        surfels: &mut [Surfel],
-    ) {
-        self.march.nearest = range.nearest.max(self.march.gate[0]);
-        self.march.farthest = range.farthest.min(self.march.gate[1]);
-        let (right, bottom) = (
-            (left + TILE).min(self.width),
-            (top + TILE).min(surfels.len() / self.width),
-        );
-        let mut walks = [const { None }; TILE * TILE];
-        let pixels = (top..bottom).flat_map(|y| (left..right).map(move |x| (x, y)));
-        let mut count = 0;
-        for (x, y) in pixels {
-            surfels[y * self.width + x] = Surfel::NONE;
-            let start = self.rays.forward + (self.first_row + y) as f32 * self.rays.down;
-            let ray = Ray::new(self.rays.eye, start + x as f32 * self.rays.right);
-            walks[count] = Walk::start(ray, (x, y), &mut self.sampler, &self.march);
-            count += 1;
-        }
-        let mut is_walking = true;
-        while is_walking {
-            is_walking = false;
-            for walk in &mut walks[..count] {
-                let Some(going) = walk else { continue };
-                match going.turn(&mut self.sampler, &self.march) {
-                    Turn::Ahead => is_walking = true,
-                    Turn::Past => *walk = None,
-                    Turn::Surface(z, sample) => {
-                        let (x, y) = going.pixel;
-                        let mut surfel = self.rays.surfel(x, self.first_row + y, z, &sample);
-                        if self.has_color {
-                            surfel.grey = self.sampler.luminance(going.ray.at(z));
+    fn march_strip(&mut self, left: usize, ranges: &[DepthRange], surfels: &mut [Surfel]) {
+        let right = (left + STRIP).min(self.width);
+        for y in (0..surfels.len() / self.width).step_by(GRID) {
+            let mut walks = [const { None }; STRIP / GRID];
+            for (walk, x) in walks.iter_mut().zip((left..right).step_by(GRID)) {
+                surfels[y * self.width + x] = Surfel::NONE;
+                *walk = self.start((x, y), ranges);
+            }
+            let mut is_walking = true;
+            while is_walking {
+                is_walking = false;
+                for slot in &mut walks {
+                    let Some(walk) = slot else { continue };
+                    match walk.turn(&mut self.sampler, &self.march) {
+                        Turn::Ahead => is_walking = true,
+                        Turn::Past => *slot = None,
+                        Turn::Surface(z, sample) => {
+                            let (x, y) = walk.pixel;
+                            surfels[y * self.width + x] = self.surfel(walk, z, &sample);
+                            *slot = None;
                         }
-                        surfels[y * self.width + x] = surfel;
-                        *walk = None;
                     }
                 }
             }
         }
+    }
+
+    /// Predicts the pixels between those that were marched: where those around one agree, it starts at their
+    /// depth, else it is marched too. So a thing is missed only if it is narrower than two pixels.
+    fn fill_strip(&mut self, left: usize, ranges: &[DepthRange], surfels: &mut [Surfel]) {
+        let right = (left + STRIP).min(self.width);
+        for y in 0..surfels.len() / self.width {
+            let mut guesses = [None; STRIP];
+            for (guess, x) in guesses.iter_mut().zip(left..right) {
+                if x % GRID != 0 || y % GRID != 0 {
+                    *guess = self.guess((x, y), surfels);
+                }
+                if let Some(z) = *guess {
+                    self.sampler.fetch(self.ray((x, y)).at(z));
+                }
+            }
+            for (guess, x) in guesses.into_iter().zip(left..right) {
+                if x % GRID != 0 || y % GRID != 0 {
+                    surfels[y * self.width + x] = self.fill((x, y), guess, ranges);
+                }
+            }
+        }
+    }
+
+    /// Mean depth of the marched pixels around one, where all see surface within a truncation.
+    fn guess(&self, (x, y): (usize, usize), surfels: &[Surfel]) -> Option<f32> {
+        let (before_x, behind_x) = (x - x % GRID, x + x % GRID);
+        let (before_y, behind_y) = (y - y % GRID, y + y % GRID);
+        if behind_x >= self.width || behind_y * self.width >= surfels.len() {
+            return None;
+        }
+        let corners = [
+            (before_x, before_y),
+            (behind_x, before_y),
+            (before_x, behind_y),
+            (behind_x, behind_y),
+        ];
+        let around = corners.map(|(x, y)| &surfels[y * self.width + x]);
+        let depths = around.map(|surfel| surfel.position[2]);
+        let least = depths.into_iter().fold(f32::INFINITY, f32::min);
+        let most = depths.into_iter().fold(0.0, f32::max);
+        let agrees = most - least < self.march.truncation;
+        (around.iter().all(|surfel| surfel.is_surface()) && agrees)
+            .then(|| 0.25 * depths.iter().sum::<f32>())
+    }
+
+    /// The surfel of a pixel from a guess of its depth, or by a march.
+    fn fill(&mut self, pixel: (usize, usize), guess: Option<f32>, ranges: &[DepthRange]) -> Surfel {
+        if let Some(guess) = guess {
+            let ray = self.ray(pixel);
+            let reach = self.march.truncation;
+            let limits = [guess - reach, guess + reach];
+            if let Some((z, sample)) = refine(&mut self.sampler, &ray, &self.march, guess, limits) {
+                return self.surfel(&Walk::at(ray, pixel), z, &sample);
+            }
+        }
+        let Some(mut walk) = self.start(pixel, ranges) else {
+            return Surfel::NONE;
+        };
+        loop {
+            match walk.turn(&mut self.sampler, &self.march) {
+                Turn::Ahead => {}
+                Turn::Past => return Surfel::NONE,
+                Turn::Surface(z, sample) => return self.surfel(&walk, z, &sample),
+            }
+        }
+    }
+
+    fn ray(&self, (x, y): (usize, usize)) -> Ray {
+        let row = self.rays.forward + (self.first_row + y) as f32 * self.rays.down;
+        Ray::new(self.rays.eye, row + x as f32 * self.rays.right)
+    }
+
+    /// A walk along a pixel's ray through the range of its tile; `None` without a block on the way.
+    fn start(&mut self, pixel: (usize, usize), ranges: &[DepthRange]) -> Option<Walk<'a>> {
+        let tile_columns = self.width.div_ceil(TILE);
+        let range = &ranges[pixel.1 / TILE * tile_columns + pixel.0 / TILE];
+        let mut walk = Walk::at(self.ray(pixel), pixel);
+        walk.z = range.nearest.max(self.march.nearest);
+        walk.farthest = range.farthest.min(self.march.farthest);
+        walk.seek(&mut self.sampler).then_some(walk)
+    }
+
+    fn surfel(&mut self, walk: &Walk<'_>, z: f32, sample: &FieldSample) -> Surfel {
+        let (x, y) = walk.pixel;
+        let mut surfel = self.rays.surfel(x, self.first_row + y, z, sample);
+        if self.has_color {
+            surfel.grey = self.sampler.luminance(walk.ray.at(z));
+        }
+        surfel
     }
 }
 
@@ -221,6 +296,8 @@ struct Walk<'a> {
     pixel: (usize, usize),
     /// Where it stands, metres of z.
     z: f32,
+    /// Where its range ends.
+    farthest: f32,
     /// Depth and value of the sample before, where it lies in front of a surface.
     before: Option<(f32, f32)>,
     next: Next<'a>,
@@ -245,21 +322,16 @@ enum Turn {
 }
 
 impl<'a> Walk<'a> {
-    /// A walk at the first block of its range; `None` without one.
-    fn start(
-        ray: Ray,
-        pixel: (usize, usize),
-        sampler: &mut Sampler<'a>,
-        march: &March,
-    ) -> Option<Self> {
-        let mut walk = Self {
+    /// A walk that has not begun.
+    fn at(ray: Ray, pixel: (usize, usize)) -> Self {
+        Self {
             ray,
             pixel,
-            z: march.nearest,
+            z: 0.0,
+            farthest: 0.0,
             before: None,
             next: Next::Crossing([(0.0, 0.0); 2]),
-        };
-        walk.seek(sampler, march).then_some(walk)
+        }
     }
 
     fn turn(&mut self, sampler: &mut Sampler<'a>, march: &March) -> Turn {
@@ -279,12 +351,15 @@ impl<'a> Walk<'a> {
                 }
             }
             Next::Crossing([before, behind]) => {
-                if let Some((z, sample)) = refine(sampler, &self.ray, march, before, behind) {
+                let slack = CROSSING_SLACK * self.ray.z_per_voxel;
+                let limits = [before.0 - slack, behind.0 + slack];
+                let guess = crossing(before, behind);
+                if let Some((z, sample)) = refine(sampler, &self.ray, march, guess, limits) {
                     return Turn::Surface(z, sample);
                 }
             }
         }
-        if self.seek(sampler, march) {
+        if self.seek(sampler) {
             Turn::Ahead
         } else {
             Turn::Past
@@ -292,9 +367,9 @@ impl<'a> Walk<'a> {
     }
 
     /// Goes on to the next place that lies in a block and fetches its voxel; `false` beyond the range.
-    fn seek(&mut self, sampler: &mut Sampler<'a>, march: &March) -> bool {
+    fn seek(&mut self, sampler: &mut Sampler<'a>) -> bool {
         let shortest = SHORTEST_STEP * self.ray.z_per_voxel;
-        while self.z < march.farthest {
+        while self.z < self.farthest {
             // The nearest voxel: half a voxel off at most, and the crossing is refined.
             let point = self.ray.at(self.z) + 0.5;
             let voxel = whole_below(point);
@@ -327,17 +402,16 @@ fn way_out_of_block(point: Vec3A, ray: &Ray) -> f32 {
     (ahead / direction.abs()).min_element()
 }
 
-/// Moves a crossing to the zero of the trilinear field; `None` when it is no surface.
+/// Moves a crossing from `guess` to the zero of the trilinear field, within `limits`; `None` when it is no
+/// surface.
 fn refine(
     sampler: &mut Sampler<'_>,
     ray: &Ray,
     march: &March,
-    before: (f32, f32),
-    behind: (f32, f32),
+    guess: f32,
+    [low, high]: [f32; 2],
 ) -> Option<(f32, FieldSample)> {
-    let slack = CROSSING_SLACK * ray.z_per_voxel;
-    let (low, high) = (before.0 - slack, behind.0 + slack);
-    let mut z = crossing(before, behind);
+    let mut z = guess;
     for _ in 0..MOST_CORRECTIONS {
         let sample = sampler.sample(ray.at(z), march.min_weight)?;
         let gradient = sample.gradient;
