@@ -100,7 +100,7 @@ def run_open3d(dump, voxel_mm, has_color, predict_width, mesh):
     inputs = [
         (
             o3d.t.geometry.Image(core.Tensor(depth.copy())),
-            o3d.t.geometry.Image(core.Tensor(color.astype(np.float32) / 255.0)) if has_color else None,
+            o3d.t.geometry.Image(core.Tensor(color.copy())) if has_color else None,
             core.Tensor(np.linalg.inv(pose), core.float64),
         )
         for pose, depth, color in frames
