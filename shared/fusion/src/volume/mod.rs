@@ -9,6 +9,7 @@ mod blocks;
 mod config;
 mod depth;
 pub mod key;
+mod march;
 mod predict;
 mod projection;
 mod ranges;

@@ -5,47 +5,21 @@ use glam::{Mat3A, Vec3A};
 use rayon::prelude::*;
 
 use super::Volume;
-use super::allocate::whole_below;
-use super::key::{BLOCK_EDGE, BLOCK_SHIFT};
+use super::key::BLOCK_EDGE;
+use super::march::{March, Ray, Turn, Walk, refine};
 use super::ranges::{TILE, Tiles};
 use super::sampler::{FieldSample, Sampler};
-use crate::kernels::integrate::Block;
-use crate::kernels::prefetch::prefetch;
 use crate::model_view::{DepthRange, ModelView, Surfel};
 
 #[cfg(test)]
 mod tests;
 
 /// Rows of tiles of one parallel task. Each pixel is computed by itself, so tasks do not show in the result.
-const BAND_TILES: usize = 4;
-/// Share of the distance that the field promises which a step uses (hard-cases D16).
-const STEP_SHARE: f32 = 0.8;
-/// Shortest step, in voxels.
-const SHORTEST_STEP: f32 = 0.7;
-/// Voxels by which a crossing may lie outside its two samples, which are those of the nearest voxels: off by
-/// up to 0.87 voxels across the surface, so by five times that along a ray that meets it at 10 degrees.
-const CROSSING_SLACK: f32 = 4.0;
-/// Correction, in voxels, below which the next one would not show.
-const SMALL_CORRECTION: f32 = 0.25;
-/// Most corrections of a crossing.
-const MOST_CORRECTIONS: usize = 4;
-/// Slope, in truncations per voxel times truncation voxels, below which it says nothing (D15).
-const LEAST_GRADIENT: f32 = 1e-3;
-
-/// Lengths of a march along one ray, metres of z.
-#[derive(Clone, Copy)]
-struct March {
-    /// Distance that a value of 1 promises.
-    truncation: f32,
-    /// The same in voxels.
-    truncation_voxels: f32,
-    /// Depths that the volume takes.
-    gate: [f32; 2],
-    /// Where the tile's rays start and end.
-    nearest: f32,
-    farthest: f32,
-    min_weight: f32,
-}
+const BAND_TILES: usize = 8;
+/// Every so many columns and rows a pixel is marched; those between start from them.
+const GRID: usize = 2;
+/// Columns that are predicted together.
+const STRIP: usize = 16;
 
 /// The camera in voxels from an anchor block: a point at depth z of pixel (x, y) is
 /// `eye + z (forward + x right + y down)`.
@@ -66,28 +40,13 @@ pub(super) struct VoxelRays {
     sides: [Vec3A; 5],
 }
 
-/// One ray: a point at depth z is `eye + z · slope`, in voxels.
-#[derive(Clone, Copy)]
-struct Ray {
-    eye: Vec3A,
-    slope: Vec3A,
-    /// Metres of z per voxel of way.
-    z_per_voxel: f32,
-}
-
-impl Ray {
-    #[inline]
-    fn at(&self, z: f32) -> Vec3A {
-        self.eye + z * self.slope
-    }
-}
-
 impl Volume {
     /// Writes into `view` what `camera`, an ideal pinhole (distortion is ignored), sees of the model from
     /// `world_from_camera`, within the depths that [`super::VolumeConfig`] gates.
     ///
     /// A surface is the first change from observed free space to behind a surface whose eight voxels have at
-    /// least [`ModelView::min_weight`]; backs of surfaces and the ends of the band show nothing. Allocates
+    /// least [`ModelView::min_weight`]; backs of surfaces and the ends of the band show nothing. What is narrower
+    /// than two pixels may be missed in front of a surface. Allocates
     /// nothing once the view has its size; the same bits for any number of threads.
     pub fn predict(&self, camera: &Intrinsics, world_from_camera: &Pose, view: &mut ModelView) {
         view.reset(camera, world_from_camera);
@@ -118,10 +77,15 @@ impl Volume {
                     width,
                     has_color: self.has_color(),
                 };
-                // Column by column, so that the sampler meets the same blocks again.
-                for column in 0..tile_columns {
-                    for (line, ranges) in ranges.chunks_exact(tile_columns).enumerate() {
-                        band.predict_tile(column * TILE, line * TILE, &ranges[column], surfels);
+                // Strip by strip, so that the sampler meets the same blocks again. Pixels between those of a
+                // strip's grid look at the first of the next.
+                let strip_count = width.div_ceil(STRIP);
+                for strip in 0..=strip_count {
+                    if strip < strip_count {
+                        band.march_strip(strip * STRIP, ranges, surfels);
+                    }
+                    if strip > 0 {
+                        band.fill_strip((strip - 1) * STRIP, ranges, surfels);
                     }
                 }
             });
@@ -132,12 +96,8 @@ impl Volume {
         March {
             truncation: self.config.truncation(),
             truncation_voxels: self.config.truncation_voxels,
-            gate: [
-                self.config.min_depth,
-                self.config.max_depth + self.config.truncation(),
-            ],
-            nearest: 0.0,
-            farthest: 0.0,
+            nearest: self.config.min_depth,
+            farthest: self.config.max_depth + self.config.truncation(),
             min_weight,
         }
     }
@@ -153,210 +113,127 @@ struct Band<'a> {
     has_color: bool,
 }
 
-impl Band<'_> {
-    /// Predicts the pixels of the tile at (`left`, `top`) of the band, whose rows are `surfels`.
+impl<'a> Band<'a> {
+    /// Predicts every second pixel of every second row of the strip from column `left`.
     ///
-    /// The tile's rays take turns: each asks for the voxel that it needs next and looks at it a turn later,
+    /// The rays of a row take turns: each asks for the voxel that it needs next and looks at it a turn later,
     /// because a march is a chain of reads that each wait for memory.
-    fn predict_tile(
-        &mut self,
-        left: usize,
-        top: usize,
-        range: &DepthRange,
-        surfels: &mut [Surfel],
-    ) {
-        self.march.nearest = range.nearest.max(self.march.gate[0]);
-        self.march.farthest = range.farthest.min(self.march.gate[1]);
-        let (right, bottom) = (
-            (left + TILE).min(self.width),
-            (top + TILE).min(surfels.len() / self.width),
-        );
-        let mut walks = [const { None }; TILE * TILE];
-        let pixels = (top..bottom).flat_map(|y| (left..right).map(move |x| (x, y)));
-        let mut count = 0;
-        for (x, y) in pixels {
-            surfels[y * self.width + x] = Surfel::NONE;
-            let start = self.rays.forward + (self.first_row + y) as f32 * self.rays.down;
-            let ray = Ray::new(self.rays.eye, start + x as f32 * self.rays.right);
-            walks[count] = Walk::start(ray, (x, y), &mut self.sampler, &self.march);
-            count += 1;
-        }
-        let mut is_walking = true;
-        while is_walking {
-            is_walking = false;
-            for walk in &mut walks[..count] {
-                let Some(going) = walk else { continue };
-                match going.turn(&mut self.sampler, &self.march) {
-                    Turn::Ahead => is_walking = true,
-                    Turn::Past => *walk = None,
-                    Turn::Surface(z, sample) => {
-                        let (x, y) = going.pixel;
-                        let mut surfel = self.rays.surfel(x, self.first_row + y, z, &sample);
-                        if self.has_color {
-                            surfel.grey = self.sampler.luminance(going.ray.at(z));
+    fn march_strip(&mut self, left: usize, ranges: &[DepthRange], surfels: &mut [Surfel]) {
+        let right = (left + STRIP).min(self.width);
+        for y in (0..surfels.len() / self.width).step_by(GRID) {
+            let mut walks = [const { None }; STRIP / GRID];
+            for (walk, x) in walks.iter_mut().zip((left..right).step_by(GRID)) {
+                surfels[y * self.width + x] = Surfel::NONE;
+                *walk = self.start((x, y), ranges);
+            }
+            let mut is_walking = true;
+            while is_walking {
+                is_walking = false;
+                for slot in &mut walks {
+                    let Some(walk) = slot else { continue };
+                    match walk.turn(&mut self.sampler, &self.march) {
+                        Turn::Ahead => is_walking = true,
+                        Turn::Past => *slot = None,
+                        Turn::Surface(z, sample) => {
+                            let (x, y) = walk.pixel;
+                            surfels[y * self.width + x] = self.surfel(walk, z, &sample);
+                            *slot = None;
                         }
-                        surfels[y * self.width + x] = surfel;
-                        *walk = None;
                     }
                 }
             }
         }
     }
-}
 
-impl Ray {
-    fn new(eye: Vec3A, slope: Vec3A) -> Self {
-        Self {
-            eye,
-            slope,
-            z_per_voxel: slope.length_recip(),
+    /// Predicts the pixels between those that were marched: where those around one agree, it starts at their
+    /// depth, else it is marched too. So a thing is missed only if it is narrower than two pixels.
+    fn fill_strip(&mut self, left: usize, ranges: &[DepthRange], surfels: &mut [Surfel]) {
+        let right = (left + STRIP).min(self.width);
+        for y in 0..surfels.len() / self.width {
+            let mut guesses = [None; STRIP];
+            for (guess, x) in guesses.iter_mut().zip(left..right) {
+                if x % GRID != 0 || y % GRID != 0 {
+                    *guess = self.guess((x, y), surfels);
+                }
+                if let Some(z) = *guess {
+                    self.sampler.fetch(self.ray((x, y)).at(z));
+                }
+            }
+            for (guess, x) in guesses.into_iter().zip(left..right) {
+                if x % GRID != 0 || y % GRID != 0 {
+                    surfels[y * self.width + x] = self.fill((x, y), guess, ranges);
+                }
+            }
         }
     }
-}
 
-/// A march along one ray.
-struct Walk<'a> {
-    ray: Ray,
-    /// Column, and row of the band.
-    pixel: (usize, usize),
-    /// Where it stands, metres of z.
-    z: f32,
-    /// Depth and value of the sample before, where it lies in front of a surface.
-    before: Option<(f32, f32)>,
-    next: Next<'a>,
-}
+    /// Mean depth of the marched pixels around one, where all see surface within a truncation.
+    fn guess(&self, (x, y): (usize, usize), surfels: &[Surfel]) -> Option<f32> {
+        let (before_x, behind_x) = (x - x % GRID, x + x % GRID);
+        let (before_y, behind_y) = (y - y % GRID, y + y % GRID);
+        if behind_x >= self.width || behind_y * self.width >= surfels.len() {
+            return None;
+        }
+        let corners = [
+            (before_x, before_y),
+            (behind_x, before_y),
+            (before_x, behind_y),
+            (behind_x, behind_y),
+        ];
+        let around = corners.map(|(x, y)| &surfels[y * self.width + x]);
+        let depths = around.map(|surfel| surfel.position[2]);
+        let least = depths.into_iter().fold(f32::INFINITY, f32::min);
+        let most = depths.into_iter().fold(0.0, f32::max);
+        let agrees = most - least < self.march.truncation;
+        (around.iter().all(|surfel| surfel.is_surface()) && agrees)
+            .then(|| 0.25 * depths.iter().sum::<f32>())
+    }
 
-/// What a walk looks at in its next turn; it was fetched in the last.
-enum Next<'a> {
-    /// A voxel of a block.
-    Voxel(&'a Block, usize),
-    /// A crossing between two samples (depth and value).
-    Crossing([(f32, f32); 2]),
-}
-
-/// What a turn came to.
-enum Turn {
-    /// There is more to look at.
-    Ahead,
-    /// The ray meets nothing.
-    Past,
-    /// Depth and field of the first crossing from free space to behind a surface.
-    Surface(f32, FieldSample),
-}
-
-impl<'a> Walk<'a> {
-    /// A walk at the first block of its range; `None` without one.
-    fn start(
-        ray: Ray,
-        pixel: (usize, usize),
-        sampler: &mut Sampler<'a>,
-        march: &March,
-    ) -> Option<Self> {
-        let mut walk = Self {
-            ray,
-            pixel,
-            z: march.nearest,
-            before: None,
-            next: Next::Crossing([(0.0, 0.0); 2]),
+    /// The surfel of a pixel from a guess of its depth, or by a march.
+    fn fill(&mut self, pixel: (usize, usize), guess: Option<f32>, ranges: &[DepthRange]) -> Surfel {
+        if let Some(guess) = guess {
+            let ray = self.ray(pixel);
+            let reach = self.march.truncation;
+            let limits = [guess - reach, guess + reach];
+            if let Some((z, sample)) = refine(&mut self.sampler, &ray, &self.march, guess, limits) {
+                return self.surfel(&Walk::at(ray, pixel), z, &sample);
+            }
+        }
+        let Some(mut walk) = self.start(pixel, ranges) else {
+            return Surfel::NONE;
         };
-        walk.seek(sampler, march).then_some(walk)
-    }
-
-    fn turn(&mut self, sampler: &mut Sampler<'a>, march: &March) -> Turn {
-        let shortest = SHORTEST_STEP * self.ray.z_per_voxel;
-        match self.next {
-            Next::Voxel(block, voxel) => {
-                let tsdf = block.tsdf[voxel];
-                let here = (self.z, tsdf);
-                self.z += (STEP_SHARE * march.truncation * tsdf.abs()).max(shortest);
-                if !tsdf.is_sign_negative() {
-                    self.before = Some(here);
-                } else if let Some(before) = self.before.take() {
-                    let guess = crossing(before, here);
-                    sampler.fetch(self.ray.at(guess));
-                    self.next = Next::Crossing([before, here]);
-                    return Turn::Ahead;
-                }
-            }
-            Next::Crossing([before, behind]) => {
-                if let Some((z, sample)) = refine(sampler, &self.ray, march, before, behind) {
-                    return Turn::Surface(z, sample);
-                }
+        loop {
+            match walk.turn(&mut self.sampler, &self.march) {
+                Turn::Ahead => {}
+                Turn::Past => return Surfel::NONE,
+                Turn::Surface(z, sample) => return self.surfel(&walk, z, &sample),
             }
         }
-        if self.seek(sampler, march) {
-            Turn::Ahead
-        } else {
-            Turn::Past
-        }
     }
 
-    /// Goes on to the next place that lies in a block and fetches its voxel; `false` beyond the range.
-    fn seek(&mut self, sampler: &mut Sampler<'a>, march: &March) -> bool {
-        let shortest = SHORTEST_STEP * self.ray.z_per_voxel;
-        while self.z < march.farthest {
-            // The nearest voxel: half a voxel off at most, and the crossing is refined.
-            let point = self.ray.at(self.z) + 0.5;
-            let voxel = whole_below(point);
-            if let Some(block) = sampler.block(voxel.map(|v| v >> BLOCK_SHIFT)) {
-                let [x, y, z] = voxel.map(|v| v as usize % BLOCK_EDGE);
-                let index = x | y << BLOCK_SHIFT | z << (2 * BLOCK_SHIFT);
-                prefetch(&block.tsdf, index);
-                self.next = Next::Voxel(block, index);
-                return true;
-            }
-            self.before = None;
-            self.z += (way_out_of_block(point, &self.ray) * self.ray.z_per_voxel).max(shortest);
-        }
-        false
+    fn ray(&self, (x, y): (usize, usize)) -> Ray {
+        let row = self.rays.forward + (self.first_row + y) as f32 * self.rays.down;
+        Ray::new(self.rays.eye, row + x as f32 * self.rays.right)
     }
-}
 
-/// Where the line through two samples (depth and value) crosses zero.
-fn crossing((z_before, tsdf_before): (f32, f32), (z_behind, tsdf_behind): (f32, f32)) -> f32 {
-    z_before + (z_behind - z_before) * tsdf_before / (tsdf_before - tsdf_behind)
-}
-
-/// Voxels of way from `point` to the border of its block.
-fn way_out_of_block(point: Vec3A, ray: &Ray) -> f32 {
-    let size = BLOCK_EDGE as f32;
-    let within = point - (point / size).floor() * size;
-    let direction = ray.slope * ray.z_per_voxel;
-    let ahead = Vec3A::select(direction.cmpge(Vec3A::ZERO), size - within, within);
-    // Parallel to a side the way is infinite.
-    (ahead / direction.abs()).min_element()
-}
-
-/// Moves a crossing to the zero of the trilinear field; `None` when it is no surface.
-fn refine(
-    sampler: &mut Sampler<'_>,
-    ray: &Ray,
-    march: &March,
-    before: (f32, f32),
-    behind: (f32, f32),
-) -> Option<(f32, FieldSample)> {
-    let slack = CROSSING_SLACK * ray.z_per_voxel;
-    let (low, high) = (before.0 - slack, behind.0 + slack);
-    let mut z = crossing(before, behind);
-    for _ in 0..MOST_CORRECTIONS {
-        let sample = sampler.sample(ray.at(z), march.min_weight)?;
-        let gradient = sample.gradient;
-        // Change of the value per metre of z: falls where the ray enters a surface.
-        let fall = -gradient.dot(ray.slope);
-        let is_slope = gradient.length() * march.truncation_voxels > LEAST_GRADIENT;
-        if !(fall > 0.0) || !is_slope {
-            return None;
-        }
-        let correction = (sample.tsdf / fall).clamp(-2.0 * ray.z_per_voxel, 2.0 * ray.z_per_voxel);
-        z += correction;
-        if !(z >= low && z <= high) {
-            return None;
-        }
-        if correction.abs() < SMALL_CORRECTION * ray.z_per_voxel {
-            return Some((z, sample));
-        }
+    /// A walk along a pixel's ray through the range of its tile; `None` without a block on the way.
+    fn start(&mut self, pixel: (usize, usize), ranges: &[DepthRange]) -> Option<Walk<'a>> {
+        let tile_columns = self.width.div_ceil(TILE);
+        let range = &ranges[pixel.1 / TILE * tile_columns + pixel.0 / TILE];
+        let mut walk = Walk::at(self.ray(pixel), pixel);
+        walk.z = range.nearest.max(self.march.nearest);
+        walk.farthest = range.farthest.min(self.march.farthest);
+        walk.seek(&mut self.sampler).then_some(walk)
     }
-    None
+
+    fn surfel(&mut self, walk: &Walk<'_>, z: f32, sample: &FieldSample) -> Surfel {
+        let (x, y) = walk.pixel;
+        let mut surfel = self.rays.surfel(x, self.first_row + y, z, sample);
+        if self.has_color {
+            surfel.grey = self.sampler.luminance(walk.ray.at(z));
+        }
+        surfel
+    }
 }
 
 impl VoxelRays {

@@ -205,15 +205,16 @@ impl<'a> Around<'a> {
         let lower = first.map(|c| c >> BLOCK_SHIFT);
         // Where the neighbourhood ends in the lower block, the upper part is never asked for.
         let upper = first.map(|c| c.wrapping_add(REACH as i32 - 1) >> BLOCK_SHIFT);
+        let crossed: usize = (0..3)
+            .map(|axis| usize::from(lower[axis] != upper[axis]) << axis)
+            .sum();
         let mut blocks = [&NOTHING; 8];
         for (part, block) in blocks.iter_mut().enumerate() {
-            let is_upper = |axis: usize| part >> axis & 1 == 1;
-            if (0..3).any(|axis| is_upper(axis) && lower[axis] == upper[axis]) {
-                continue;
+            if part & !crossed == 0 {
+                let ends = [lower, upper];
+                let at = std::array::from_fn(|axis| ends[part >> axis & 1][axis]);
+                *block = sampler.block(at).unwrap_or(&NOTHING);
             }
-            let ends = [lower, upper];
-            let at = std::array::from_fn(|axis| ends[part >> axis & 1][axis]);
-            *block = sampler.block(at).unwrap_or(&NOTHING);
         }
         Self {
             blocks,
