@@ -124,7 +124,7 @@ impl<'a> Lane<'a> {
         let mut payloads = Payloads::default();
         let table = self.coders.encode(self.input, index, &mut payloads)?;
         store(writer, index, table.as_ref(), &payloads)?;
-        if (index + 1) % self.chunk == 0 {
+        if (index + 1).is_multiple_of(self.chunk) {
             writer.seal()?;
         }
         self.encoding.push(watch.cost());
