@@ -22,6 +22,7 @@ use crate::report;
 use crate::run_folder::RunFolder;
 use crate::stages::linear::DiffuseOrder;
 use crate::stages::object::WorldBox;
+use crate::stages::poses::default_set;
 use crate::train::{TrainConfig, train};
 
 /// Finds the room in the reflections of a shiny object filmed with an RGB-D camera.
@@ -108,9 +109,10 @@ struct TrainArgs {
     /// Profile.
     #[arg(long, value_enum, default_value = "draft")]
     profile: Profile,
-    /// Pose set of the recording.
-    #[arg(long, default_value = "source")]
-    poses: String,
+    /// Poses to train from: source, live, another set of the recording, or refined, which starts from live (else
+    /// source) and makes them fit each other; when absent `source` if there is one, else refined.
+    #[arg(long)]
+    poses: Option<String>,
     /// Box that holds the object: x0,y0,z0,x1,y1,z1 in world metres.
     #[arg(long = "box", value_parser = parse_box, allow_hyphen_values = true)]
     object_box: Option<WorldBox>,
@@ -336,10 +338,15 @@ fn run_import(args: &ImportArgs, progress: &Progress) -> anyhow::Result<Summary>
 
 fn run_train(args: &TrainArgs, threads: usize, progress: &Progress) -> anyhow::Result<Summary> {
     let Profile::Draft = args.profile;
+    // The recording is looked at before the folder is touched.
+    let recording = sequence::Recording::open(&args.recording)?;
+    let poses = args.poses.clone();
+    let poses = poses.unwrap_or_else(|| default_set(&recording).to_owned());
+    drop(recording);
     let config = TrainConfig {
         recording: args.recording.clone(),
         profile: "draft".to_owned(),
-        poses: args.poses.clone(),
+        poses,
         voxel_mm: args.voxel_mm,
         pixel_stride: args.pixel_stride,
         diffuse: args.diffuse,
@@ -347,8 +354,6 @@ fn run_train(args: &TrainArgs, threads: usize, progress: &Progress) -> anyhow::R
         seed: args.seed,
         threads,
     };
-    // The recording is looked at before the folder is touched.
-    sequence::Recording::open(&config.recording)?;
     let folder = RunFolder::create(&args.output, args.overwrite)?;
     let summary = train(&config, &folder, progress)?;
     let text = format!(

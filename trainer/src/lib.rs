@@ -32,6 +32,7 @@ pub mod import;
 pub mod interrupt;
 pub mod ply;
 pub mod progress;
+pub mod refine;
 pub mod render;
 pub mod report;
 pub mod run_folder;

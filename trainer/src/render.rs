@@ -81,9 +81,7 @@ pub fn render(
     let view = ColorView::new(&recording);
     let model = Model::load(folder)?;
     let world_from_color: Vec<(usize, Pose)> = match path {
-        ViewPath::Recorded => recording
-            .poses(&config.poses)
-            .context("the recording has lost its poses since the training")?
+        ViewPath::Recorded => poses_of_run(folder, &recording, &config.poses)?
             .iter()
             .enumerate()
             .filter_map(|(index, pose)| Some((index, (*pose)? * view.color_from_depth.inverse())))

@@ -19,7 +19,7 @@ use crate::stages::geometry::{self, Geometry};
 use crate::stages::linear::{self, DiffuseOrder, GAIN, Linear};
 use crate::stages::object::{DominantPlane, ObjectParts, Segment, WorldBox, find_object};
 use crate::stages::observe::{ColorView, Observations, PixelRules, Surface, observe};
-use crate::stages::poses::{training_frames, tum_text};
+use crate::stages::poses;
 
 /// Every key of a training run, `config.toml`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -129,10 +129,8 @@ pub fn train(
         costs: std::collections::BTreeMap::new(),
     };
 
-    let frames = stages.run("poses", |_| {
-        let frames = training_frames(&recording, &config.poses)?;
-        folder.write("poses/poses.txt", tum_text(&recording, &frames).as_bytes())?;
-        Ok(frames)
+    let frames = stages.run("poses", |progress| {
+        poses::run(&recording, &config.poses, folder, progress)
     })?;
 
     let (geometry, parts) = stages.run("geometry", |progress| {

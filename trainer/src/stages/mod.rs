@@ -15,6 +15,11 @@ pub enum Refusal {
         "the recording has no poses named `{0}`: import it with poses, or name another set with --poses"
     )]
     NoPoses(String),
+    /// The recording has no poses that refinement could start from.
+    #[error(
+        "the recording has neither poses `live` nor `source` to refine: record it with fusion on, or import it with poses"
+    )]
+    NoStart,
     /// Too few frames to train from.
     #[error("only {0} training frames have a pose; at least 10 are needed")]
     TooFewFrames(usize),

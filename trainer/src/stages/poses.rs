@@ -1,9 +1,17 @@
-//! Stage `poses`: the camera's path, as the source gave it.
+//! Stage `poses`: the camera's path, as the recording gives it or refined.
 
-use geometry::Pose;
-use sequence::Recording;
+use std::collections::BTreeMap;
+
+use anyhow::Context as _;
+use geometry::{DVec3, Pose};
+use glam::DQuat;
+use sequence::{PoseState, Recording, StoredPoses};
+use serde::{Deserialize, Serialize};
 
 use super::Refusal;
+use crate::progress::Progress;
+use crate::refine::{RefinementSummary, StartFrame, refine, transferred};
+use crate::run_folder::RunFolder;
 
 /// A frame that training may use.
 #[derive(Clone, Copy, Debug)]
@@ -14,8 +22,120 @@ pub struct PosedFrame {
     pub world_from_camera: Pose,
 }
 
+/// What the stage found out, `poses/summary.json`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct PosesSummary {
+    /// Pose set that was asked for.
+    pub set: String,
+    /// Pose set of the recording that the poses are of, or started from.
+    pub started_from: String,
+    /// Training frames with a pose.
+    pub frame_count: usize,
+    /// Training frames left out because the camera was lost.
+    pub lost_count: usize,
+    /// Training frames left out because their pose is in another map than most.
+    pub other_map_count: usize,
+    /// Training frames left out because the set says nothing of them.
+    pub unknown_count: usize,
+    /// What refinement did, where it was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refinement: Option<RefinementSummary>,
+}
+
+/// Name of the set that refinement makes.
+pub const REFINED: &str = "refined";
+/// Sets that refinement starts from, the first that there is.
+const STARTS: [&str; 2] = ["live", "source"];
+/// Name of the summary inside a run folder.
+pub const SUMMARY_FILE: &str = "poses/summary.json";
+/// Name of the refined poses of all frames inside a run folder.
+const REFINED_FILE: &str = "poses/refined.json";
 /// Fewest posed frames that training accepts.
 const FEWEST_FRAMES: usize = 10;
+
+/// A pose in [`REFINED_FILE`].
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StoredPose {
+    frame: usize,
+    /// World from depth camera, metres.
+    translation: [f64; 3],
+    /// x, y, z, w.
+    rotation: [f64; 4],
+}
+
+/// The set that training takes when none is named: `source` where there is one, else `refined`.
+pub fn default_set(recording: &Recording) -> &'static str {
+    if recording.poses("source").is_some() {
+        "source"
+    } else {
+        REFINED
+    }
+}
+
+/// The stage: the training frames with their poses of `set`, refined where `set` is [`REFINED`]; writes
+/// `poses/poses.txt` and `poses/summary.json`.
+///
+/// # Errors
+/// [`Refusal`] without poses to take or to start from, or with too few of them; frames that cannot be read.
+pub fn run(
+    recording: &Recording,
+    set: &str,
+    folder: &RunFolder,
+    progress: &Progress,
+) -> anyhow::Result<Vec<PosedFrame>> {
+    let started_from = if set == REFINED {
+        let known = STARTS.into_iter().find(|set| recording.poses(set).is_some());
+        known.ok_or(Refusal::NoStart)?
+    } else {
+        set
+    };
+    let mut frames = training_frames(recording, started_from)?;
+    let mut summary = summary_of(recording, set, started_from, frames.len());
+    if set == REFINED {
+        let start = start_frames(recording, started_from, &frames)?;
+        let refinement = refine(recording, &start, &mut |done, of| progress.step(done, of))?;
+        tracing::info!("{}", refinement.summary.reason);
+        for (frame, pose) in frames.iter_mut().zip(&refinement.poses) {
+            frame.world_from_camera = *pose;
+        }
+        store_all(folder, recording, started_from, &start, &refinement.poses)?;
+        summary.refinement = Some(refinement.summary);
+    }
+    note_left_out(&summary);
+    folder.write("poses/poses.txt", tum_text(recording, &frames).as_bytes())?;
+    folder.write_json(SUMMARY_FILE, &summary)?;
+    Ok(frames)
+}
+
+/// World from depth camera of every frame of the recording as a run used it: those of `set`, or what refinement
+/// made of them (held-out frames moved as the training frames around them).
+///
+/// # Errors
+/// When the recording or the run folder has lost them.
+pub fn poses_of_run(
+    folder: &RunFolder,
+    recording: &Recording,
+    set: &str,
+) -> anyhow::Result<Vec<Option<Pose>>> {
+    if set != REFINED {
+        let poses = recording.poses(set);
+        let poses = poses.context("the recording has lost its poses since the training")?;
+        return Ok(poses.to_vec());
+    }
+    let stored: Vec<StoredPose> = folder.read_json(REFINED_FILE)?;
+    let mut poses = vec![None; recording.frame_count()];
+    for stored in stored {
+        let [x, y, z, w] = stored.rotation;
+        let pose = Pose::new(DQuat::from_xyzw(x, y, z, w), DVec3::from(stored.translation))
+            .with_context(|| format!("{REFINED_FILE} holds no pose for frame {}", stored.frame))?;
+        let place = poses.get_mut(stored.frame);
+        *place.with_context(|| {
+            format!("{REFINED_FILE} names frame {}, which the recording lacks", stored.frame)
+        })? = Some(pose);
+    }
+    Ok(poses)
+}
 
 /// The training frames of `recording` with their poses of `set`, in order. Test and unused frames never
 /// leave this function.
@@ -23,10 +143,17 @@ pub fn training_frames(recording: &Recording, set: &str) -> Result<Vec<PosedFram
     let poses = recording
         .poses(set)
         .ok_or_else(|| Refusal::NoPoses(set.to_owned()))?;
-    let frames: Vec<PosedFrame> = recording
-        .split()
-        .train
-        .iter()
+    let frames = training_frames_at(recording, poses);
+    if frames.len() < FEWEST_FRAMES {
+        return Err(Refusal::TooFewFrames(frames.len()));
+    }
+    Ok(frames)
+}
+
+/// The training frames of `recording` that have one of `poses` (one a frame of the recording), in order.
+pub fn training_frames_at(recording: &Recording, poses: &[Option<Pose>]) -> Vec<PosedFrame> {
+    let train = recording.split().train.iter();
+    train
         .map(|&index| index as usize)
         .filter_map(|index| {
             let world_from_camera = poses.get(index).copied().flatten()?;
@@ -35,11 +162,127 @@ pub fn training_frames(recording: &Recording, set: &str) -> Result<Vec<PosedFram
                 world_from_camera,
             })
         })
+        .collect()
+}
+
+/// The stored set of a name.
+fn stored_set<'a>(recording: &'a Recording, set: &str) -> Option<&'a StoredPoses> {
+    let sets = &recording.contents().pose_sets;
+    sets.iter().find(|stored| stored.head.name == set)
+}
+
+/// Number of a frame's depth image, by which stored poses name it.
+fn number_of(recording: &Recording, index: usize) -> anyhow::Result<u64> {
+    Ok(recording.depth_times(index)?.number)
+}
+
+/// Counts the training frames that the set leaves out.
+fn summary_of(
+    recording: &Recording,
+    set: &str,
+    started_from: &str,
+    frame_count: usize,
+) -> PosesSummary {
+    let mut summary = PosesSummary {
+        set: set.to_owned(),
+        started_from: started_from.to_owned(),
+        frame_count,
+        lost_count: 0,
+        other_map_count: 0,
+        unknown_count: 0,
+        refinement: None,
+    };
+    let stored = stored_set(recording, started_from);
+    let states: BTreeMap<u64, PoseState> = stored
+        .iter()
+        .flat_map(|stored| &stored.poses)
+        .map(|pose| (pose.number, pose.state))
         .collect();
-    if frames.len() < FEWEST_FRAMES {
-        return Err(Refusal::TooFewFrames(frames.len()));
+    let poses = recording.poses(started_from).unwrap_or_default();
+    for &index in &recording.split().train {
+        let index = index as usize;
+        if poses.get(index).copied().flatten().is_some() {
+            continue;
+        }
+        let number = (index < recording.frame_count()).then(|| number_of(recording, index));
+        let state = number.and_then(Result::ok).and_then(|number| states.get(&number));
+        match state {
+            Some(PoseState::Lost) => summary.lost_count += 1,
+            Some(_) => summary.other_map_count += 1,
+            None => summary.unknown_count += 1,
+        }
     }
-    Ok(frames)
+    summary
+}
+
+/// Says how many frames were left out, and why.
+fn note_left_out(summary: &PosesSummary) {
+    for (count, why) in [
+        (summary.lost_count, "the camera was lost"),
+        (summary.other_map_count, "their pose is in another map"),
+        (summary.unknown_count, "the set has no pose of them"),
+    ] {
+        if count > 0 {
+            tracing::info!("{count} frames left out: {why}");
+        }
+    }
+}
+
+/// Frames with the covariances that their set stores.
+fn start_frames(
+    recording: &Recording,
+    set: &str,
+    frames: &[PosedFrame],
+) -> anyhow::Result<Vec<StartFrame>> {
+    let stored = stored_set(recording, set);
+    let covariances: BTreeMap<u64, [f32; 21]> = stored
+        .iter()
+        .flat_map(|stored| &stored.poses)
+        .filter_map(|pose| Some((pose.number, pose.covariance?)))
+        .collect();
+    frames
+        .iter()
+        .map(|frame| {
+            let number = number_of(recording, frame.index)?;
+            Ok(StartFrame {
+                index: frame.index,
+                world_from_camera: frame.world_from_camera,
+                covariance: covariances.get(&number).copied(),
+            })
+        })
+        .collect()
+}
+
+/// Stores the poses of all frames: training frames as refined, the others moved as those around them.
+fn store_all(
+    folder: &RunFolder,
+    recording: &Recording,
+    started_from: &str,
+    start: &[StartFrame],
+    refined: &[Pose],
+) -> anyhow::Result<()> {
+    let known: Vec<(usize, Pose, Pose)> = start
+        .iter()
+        .zip(refined)
+        .map(|(start, refined)| (start.index, start.world_from_camera, *refined))
+        .collect();
+    let poses = recording.poses(started_from).unwrap_or_default();
+    let posed: Vec<(usize, Pose)> = poses
+        .iter()
+        .enumerate()
+        .filter_map(|(index, pose)| Some((index, (*pose)?)))
+        .collect();
+    let moved = transferred(&known, &posed);
+    let stored: Vec<StoredPose> = posed
+        .iter()
+        .zip(moved)
+        .map(|((frame, _), pose)| StoredPose {
+            frame: *frame,
+            translation: pose.translation().to_array(),
+            rotation: pose.rotation().to_array(),
+        })
+        .collect();
+    folder.write_json(REFINED_FILE, &stored)
 }
 
 /// The frames whose image in one stream is no repeat, and how many were left out.

@@ -48,11 +48,11 @@ impl Default for IcpConfig {
             photometric: level < 2,
         };
         Self {
-            // 13 mm to 3 mm at 1 m, where σ is 1.6 mm (hard-cases C08); wider scales drift more (measured).
+            // 10 mm to 2.5 mm at 1 m, where σ is 1.6 mm (hard-cases C08); wider scales drift more (measured).
             passes: vec![
-                pass(2, 8, 0.15, 8.0),
-                pass(1, 5, 0.08, 4.0),
-                pass(0, 4, 0.05, 2.0),
+                pass(2, 8, 0.15, 6.0),
+                pass(1, 5, 0.08, 3.0),
+                pass(0, 4, 0.05, 1.5),
             ],
             normal_sigma: 0.01,
             photometric_knee: 0.01,

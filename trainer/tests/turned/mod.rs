@@ -1,7 +1,5 @@
 //! A run from poses in a world of their own is judged in the world of `source`.
 
-mod studio;
-
 use std::path::Path;
 use std::process::Command;
 
@@ -14,7 +12,8 @@ use glint::stages::linear::DiffuseOrder;
 use glint::train::{MESH_FILE, TrainConfig, train};
 use imaging::{Image, PanoramaAttributes, write_rgb_exr};
 use serde_json::Value;
-use studio::Finish;
+
+use crate::studio::{self, Finish};
 
 fn train_from(recording: &Path, poses: &str, run: &Path) {
     let config = TrainConfig {
