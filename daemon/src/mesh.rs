@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use fusion::live::LiveFusion;
-use fusion::{Mesh, MeshConfig, Volume, extract_mesh};
-use geometry::DVec3;
+use fusion::{Mesh, MeshConfig, extract_mesh};
 use imaging::Srgb8;
 use serde::Serialize;
 
@@ -57,17 +56,13 @@ fn find_and_write(
     outcome: &mut MeshOutcome,
 ) -> anyhow::Result<()> {
     // A thread of its own, which ends with the program when the user does not want to wait for it.
-    let finding = std::thread::spawn(move || {
-        let mesh = extract_mesh(live.volume(), &MeshConfig::default());
-        let radiances = radiances(live.volume(), &mesh);
-        (mesh, radiances)
-    });
+    let finding = std::thread::spawn(move || extract_mesh(live.volume(), &MeshConfig::default()));
     while !finding.is_finished() {
         anyhow::ensure!(!signal.is_set(), "stopped by a signal");
         std::thread::sleep(LOOK_INTERVAL);
     }
     let found = finding.join();
-    let (mesh, radiances) = found.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+    let mesh = found.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
     outcome.vertices = mesh.positions.len() as u64;
     outcome.triangles = mesh.triangles.len() as u64;
     tracing::info!("mesh: writing {} triangles", outcome.triangles);
@@ -81,7 +76,7 @@ fn find_and_write(
         .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666))
         .tempfile_in(folder)?;
     let mut file = BufWriter::new(part);
-    write_ply(&mut file, &mesh, radiances.as_deref(), signal)?;
+    write_ply(&mut file, &mesh, signal)?;
     let part = file.into_inner()?;
     part.as_file().sync_all()?;
     part.persist(path)?;
@@ -89,63 +84,11 @@ fn find_and_write(
     Ok(())
 }
 
-/// Linear radiance of each vertex, mean of the coloured voxels around it; `None` in a volume without colour.
-fn radiances(volume: &Volume, mesh: &Mesh) -> Option<Vec<[f32; 3]>> {
-    if !volume.has_color() {
-        return None;
-    }
-    let config = volume.config();
-    let voxel_size = f64::from(config.voxel_size);
-    let radiance = |vertex: usize| {
-        let voxels = (mesh.world_position(vertex) - config.origin) / voxel_size;
-        radiance_at(volume, voxels)
-    };
-    Some((0..mesh.positions.len()).map(radiance).collect())
-}
-
-/// Trilinear mean over the coloured ones of the eight voxels around a position; black where none is.
-fn radiance_at(volume: &Volume, voxels: DVec3) -> [f32; 3] {
-    let low = voxels.floor();
-    let inside = voxels - low;
-    let low = low.as_ivec3().to_array();
-    let (mut sum, mut weight_sum) = ([0.0_f64; 3], 0.0_f64);
-    for corner in 0..8 {
-        let bits: [i32; 3] = std::array::from_fn(|axis| corner >> axis & 1);
-        let voxel = std::array::from_fn(|axis| low[axis].saturating_add(bits[axis]));
-        let Some((radiance, _)) = volume.voxel_radiance(voxel) else {
-            continue;
-        };
-        // A voxel at the far end still counts a little: there may be no other.
-        let weight: f64 = (0..3)
-            .map(|axis| {
-                if bits[axis] == 1 {
-                    inside[axis]
-                } else {
-                    1.0 - inside[axis]
-                }
-            })
-            .product::<f64>()
-            .max(1e-6);
-        weight_sum += weight;
-        for (sum, radiance) in sum.iter_mut().zip(radiance) {
-            *sum += weight * f64::from(radiance);
-        }
-    }
-    sum.map(|sum| {
-        if weight_sum > 0.0 {
-            (sum / weight_sum) as f32
-        } else {
-            0.0
-        }
-    })
-}
-
 /// Binary little-endian PLY as the trainer writes it: position and normal, and with colours `red green blue` (sRGB)
 /// and `linear_r linear_g linear_b`.
 fn write_ply(
     file: &mut impl std::io::Write,
     mesh: &Mesh,
-    radiances: Option<&[[f32; 3]]>,
     signal: &AnotherSignal,
 ) -> anyhow::Result<()> {
     writeln!(file, "ply\nformat binary_little_endian 1.0")?;
@@ -160,7 +103,7 @@ fn write_ply(
     for name in ["x", "y", "z", "nx", "ny", "nz"] {
         writeln!(file, "property float {name}")?;
     }
-    if radiances.is_some() {
+    if !mesh.radiance.is_empty() {
         for name in ["red", "green", "blue"] {
             writeln!(file, "property uchar {name}")?;
         }
@@ -177,7 +120,7 @@ fn write_ply(
         for value in position.to_array().into_iter().chain(normal.to_array()) {
             file.write_all(&value.to_le_bytes())?;
         }
-        if let Some(linear) = radiances.and_then(|radiances| radiances.get(index)) {
+        if let Some(linear) = mesh.radiance.get(index) {
             file.write_all(&Srgb8::from_linear(*linear).0)?;
             for value in linear {
                 file.write_all(&value.to_le_bytes())?;

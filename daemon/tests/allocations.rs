@@ -165,3 +165,33 @@ fn nothing_is_allocated_per_frame_that_is_fused_once_warm() {
     let (warm, late) = (counts[2 * counts.len() / 3], counts[counts.len() - 8]);
     assert_eq!(late - warm, 0, "{counts:?}");
 }
+
+/// Most allocations for a photograph: the decoder is a library, and these are what it makes of its own.
+const MOST_FOR_A_JPEG: u64 = 100;
+
+#[test]
+fn a_jpeg_costs_few_allocations_and_always_as_many() {
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    WATCHES.set(true);
+    let codes = imaging::Rgb8Image::from_fn(640, 480, |x, y| [x as u8, y as u8, (x ^ y) as u8]);
+    let jpeg = imaging::encode_jpeg(&codes, 90).unwrap();
+    let counts: Vec<u64> = std::thread::scope(|scope| {
+        let decoding = scope.spawn(|| {
+            let mut counts = Vec::with_capacity(10);
+            for _ in 0..10 {
+                let before = COUNT.load(Ordering::Relaxed);
+                let decoded = imaging::decode_jpeg(&jpeg);
+                counts.push(COUNT.load(Ordering::Relaxed) - before);
+                assert!(decoded.is_ok());
+            }
+            counts
+        });
+        decoding.join().unwrap()
+    });
+    println!("allocations for each photograph: {counts:?}");
+    assert!(
+        counts[1..]
+            .iter()
+            .all(|count| *count == counts[1] && *count < MOST_FOR_A_JPEG)
+    );
+}

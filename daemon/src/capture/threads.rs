@@ -15,7 +15,7 @@ use super::CaptureOptions;
 use super::sizes::{POOL_FRAMES, Sizes};
 use crate::disk::{Disk, DiskEnds, DiskReport, FuseMessages, PreTrigger};
 use crate::drops::{self, DropLog};
-use crate::frame::{ColorFrame, DepthFrame, Returns, pool};
+use crate::frame::{ColorFrame, DepthFrame, FreeFrames, Returns, pool};
 use crate::fuse::Fuser;
 use crate::fuse::frames::{self, FuseLink, Progress};
 use crate::fuse::report::FuseReport;
@@ -76,16 +76,8 @@ impl<'capture> Threads<'capture> {
         status: &'capture Status,
         stop: &'capture StopFlag,
     ) -> anyhow::Result<Self> {
-        let (depth_frames, [depth_returns, fused_depth]) =
-            pool((0..POOL_FRAMES).map(|_| DepthFrame {
-                samples: vec![0; sizes.pixel_count],
-                ..DepthFrame::default()
-            }));
-        let (color_frames, [color_returns, fused_color]) =
-            pool((0..POOL_FRAMES).map(|_| ColorFrame {
-                bytes: Vec::with_capacity(sizes.most_color_bytes),
-                ..ColorFrame::default()
-            }));
+        let (depth_frames, [depth_returns, fused_depth]) = depth_pool(sizes);
+        let (color_frames, [color_returns, fused_color]) = color_pool(sizes);
         let parkers: [Parker; 4] = std::array::from_fn(|_| Parker::new());
         let [source_parker, pair_parker, record_parker, disk_parker] = parkers;
         let source_bell = source_parker.unparker().clone();
@@ -264,6 +256,22 @@ impl<'capture> Fusion<'capture> {
             messages,
         }))
     }
+}
+
+/// Free depth frames, with the ways back of record and fuse.
+fn depth_pool(sizes: &Sizes) -> (FreeFrames<DepthFrame>, [Returns<DepthFrame>; 2]) {
+    pool((0..POOL_FRAMES).map(|_| DepthFrame {
+        samples: vec![0; sizes.pixel_count],
+        ..DepthFrame::default()
+    }))
+}
+
+/// Free colour frames, with the ways back of record and fuse.
+fn color_pool(sizes: &Sizes) -> (FreeFrames<ColorFrame>, [Returns<ColorFrame>; 2]) {
+    pool((0..POOL_FRAMES).map(|_| ColorFrame {
+        bytes: Vec::with_capacity(sizes.most_color_bytes),
+        ..ColorFrame::default()
+    }))
 }
 
 /// Makes the file.

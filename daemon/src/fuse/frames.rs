@@ -170,7 +170,7 @@ impl FuseSource {
 
     /// The next frame to fuse: the oldest while at most one waits behind it, or where the source can be paused; else
     /// older ones go back and are skipped, as all do when the recording ends before its source.
-    pub fn next(&mut self) -> Next {
+    pub fn take(&mut self) -> Next {
         let is_stopped = self.stop.is_set();
         while is_stopped || (!self.waits && self.from.occupied_len() > MOST_WAITING) {
             match self.from.try_pop() {

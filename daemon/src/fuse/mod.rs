@@ -157,7 +157,7 @@ impl<'status> Fuser<'status> {
         } = self;
         workers.run(|stages| {
             loop {
-                match source.next() {
+                match source.take() {
                     Next::Frame(unit) if state.report.failure.is_none() => {
                         state.take(&unit, stages, clock, &mut to);
                         source.give_back(unit);

@@ -1,12 +1,12 @@
 //! From frames as the camera sent them to what tracking and fusion take: metres and linear radiance.
 
-use anyhow::{Context as _, ensure};
+use anyhow::ensure;
 use geometry::Intrinsics;
 use imaging::{
     Corrector, DepthImage, DepthTable, Developer, Image, ImagingError, LinearPixel, Rgb8Image,
     Undistortion, decode_jpeg, jpeg_is_subsampled,
 };
-use sequence::{ColorEncoding, DepthSamples, Streams};
+use sequence::{ColorEncoding, Streams};
 
 /// Prepares the frames of one recording. Memory is taken when it is made, but for what a JPEG decoder takes.
 pub struct Preparer {
@@ -26,20 +26,13 @@ impl Preparer {
     /// For the frames of `streams`.
     ///
     /// # Errors
-    /// Shifts without a table, and YUV that this version does not know.
+    /// Shifts of which nothing is known, and YUV that this version does not know.
     pub fn new(streams: &Streams) -> anyhow::Result<Self> {
         let depth = &streams.depth;
         let range = depth.depth_range.clone();
-        let table = match depth.samples {
-            DepthSamples::Values => DepthTable::of_values(depth.depth_scale, range),
-            DepthSamples::Codes => {
-                let shift = depth.shift.as_ref();
-                let table_mm = shift.map(|shift| shift.table_mm.as_slice());
-                let table_mm = table_mm.filter(|table| !table.is_empty()).context(
-                    "the depth samples are shifts without a table of depths; record with --no-fuse",
-                )?;
-                DepthTable::of_codes(table_mm, range)
-            }
+        let table = match depth.shift_table_mm()? {
+            None => DepthTable::of_values(depth.depth_scale, range),
+            Some(table_mm) => DepthTable::of_codes(&table_mm, range),
         };
         let camera = &depth.intrinsics;
         let (focal, center) = (camera.focal(), camera.center());

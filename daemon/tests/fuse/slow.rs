@@ -83,7 +83,7 @@ fn a_full_ring_gives_frames_back_and_the_oldest_that_wait_are_skipped() {
     // Newer ones than the ring has places: who records keeps them and goes on.
     let places = RING_FRAMES as u64;
     assert!(refused.into_iter().eq(places..12));
-    let Next::Frame(unit) = line.source.next() else {
+    let Next::Frame(unit) = line.source.take() else {
         panic!("a frame waits");
     };
     assert_eq!(unit.depth.times.number, places - 2);
@@ -104,7 +104,7 @@ fn a_ring_whose_source_can_wait_skips_nothing() {
         assert!(line.link.hand(unit, &line.parker).is_ok());
     }
     for number in 0..RING_FRAMES as u64 {
-        let Next::Frame(unit) = line.source.next() else {
+        let Next::Frame(unit) = line.source.take() else {
             panic!("a frame waits");
         };
         assert_eq!(unit.depth.times.number, number);
@@ -123,7 +123,7 @@ fn a_recording_that_is_told_to_end_skips_what_waits() {
     }
     stop.stop(EndReason::Stopped);
     drop(line.link);
-    assert!(matches!(line.source.next(), Next::End));
+    assert!(matches!(line.source.take(), Next::End));
     assert_eq!(line.source.progress().skipped(), 5);
 }
 
