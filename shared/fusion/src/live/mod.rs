@@ -231,6 +231,11 @@ impl LiveFusion {
         self.last.as_ref()
     }
 
+    /// What the model looked like for the last alignment.
+    pub fn view(&self) -> &ModelView {
+        &self.view
+    }
+
     /// The surface of the map at hand.
     pub fn volume(&self) -> &Volume {
         &self.maps[self.map].volume
