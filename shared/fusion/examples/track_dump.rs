@@ -3,17 +3,19 @@
 //! Frames that come again get fresh depth noise.
 //!
 //! `track_dump DUMP [--voxel-mm 5] [--threads 1] [--frames A..B,C..D,blank*N,…] [--no-grey] [--coarse-view] [--skip-finest]
-//! [--poses OUT.txt] [--verbose]`
+//! [--poses OUT.txt] [--mesh OUT.ply] [--verbose]`
 //!
 //! DUMP, little-endian: u32 columns, rows, frames, 1; f64 fx, fy, cx, cy, metres per unit of the depth camera; u32
 //! columns, rows, f64 fx, fy, cx, cy of the colour camera; 16 f64 color_from_depth; per frame i64 nanoseconds, 16 f64
 //! world_from_camera (row-major, the reference), u16 depth (0 = none), RGB8 with gamma 2.2.
 
+mod mesh_file;
+
 use std::io::{BufReader, Read, Write as _};
 
-use fusion::VolumeConfig;
 use fusion::live::{Effort, LiveConfig, LiveFusion, LiveRig};
 use fusion::tracking::TrackState;
+use fusion::{MeshConfig, VolumeConfig, extract_mesh};
 use geometry::{DMat3, DVec3, Intrinsics, Pose, trajectory_error};
 use imaging::develop::{ColorLayout, Developer};
 use imaging::{Corrector, DepthImage, LinearPixel, Response, Vignetting};
@@ -36,6 +38,7 @@ struct Arguments {
     grey: bool,
     effort: Effort,
     poses: Option<String>,
+    mesh: Option<String>,
     verbose: bool,
 }
 
@@ -58,6 +61,7 @@ fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> 
         grey: true,
         effort: Effort::default(),
         poses: None,
+        mesh: None,
         verbose: false,
     };
     while let Some(flag) = words.next() {
@@ -73,6 +77,7 @@ fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> 
                     "--truncation-voxels" => arguments.truncation_voxels = value.parse()?,
                     "--threads" => arguments.threads = value.parse()?,
                     "--poses" => arguments.poses = Some(value),
+                    "--mesh" => arguments.mesh = Some(value),
                     "--frames" => {
                         for part in value.split(',') {
                             if let Some(count) = part.strip_prefix("blank*") {
@@ -285,6 +290,10 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if let Some(path) = &arguments.poses {
         std::fs::File::create(path)?.write_all(out.as_bytes())?;
+    }
+    if let Some(path) = &arguments.mesh {
+        let mesh = extract_mesh(live.volume(), &MeshConfig::default());
+        mesh_file::write_ply(&mesh, path)?;
     }
     let error = trajectory_error(&references, &estimates)?;
     let n = order.len() as f64;
