@@ -241,6 +241,11 @@ impl LiveFusion {
         &self.maps[self.map].volume
     }
 
+    /// The surface of the map with this id, as [`Tracked::map`] names it.
+    pub fn map_volume(&self, map: u32) -> Option<&Volume> {
+        self.maps.get(map as usize).map(|map| &map.volume)
+    }
+
     fn follow(&mut self, time_nanos: i64, effort: Effort) -> Tracked {
         let prior = self.motion.predicted(time_nanos);
         match self.aligned(&prior, effort) {
