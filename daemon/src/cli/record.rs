@@ -106,6 +106,22 @@ struct FuseArgs {
     /// Most memory of the volume, MB (2^20 bytes): beyond it new surface is left out, and counted.
     #[arg(long, value_name = "MB", default_value_t = 2048, value_parser = clap::value_parser!(u64).range(1..=1 << 20), conflicts_with = "no_fuse")]
     fuse_memory_mb: u64,
+    /// Size at which the model is predicted for tracking: 0 = half, 1 = quarter, 2 = eighth of the image. Default: 1.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=2), conflicts_with = "no_fuse")]
+    view_level: Option<u64>,
+    /// Most iterations of the alignment at an eighth, a quarter and half of the image. Default: 8/5/4.
+    #[arg(long, value_name = "N/N/N", value_parser = parse_iterations, conflicts_with = "no_fuse")]
+    icp_iterations: Option<[usize; 3]>,
+    /// Whether photographs help to track where the shape leaves directions open.
+    #[arg(long, value_enum, default_value = "on", conflicts_with = "no_fuse")]
+    photometric: Switch,
+}
+
+/// Whether something is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Switch {
+    On,
+    Off,
 }
 
 impl FuseArgs {
@@ -122,6 +138,20 @@ impl FuseArgs {
             volume.truncation_voxels = truncation_voxels;
         }
         volume.memory_limit_bytes = (self.fuse_memory_mb as usize) << 20;
+        if let Some(level) = self.view_level {
+            options.live.view_level = level as usize;
+        }
+        let passes = &mut options.live.icp.passes;
+        if let Some(iterations) = self.icp_iterations {
+            for (pass, iterations) in passes.iter_mut().zip(iterations) {
+                pass.iterations = iterations;
+            }
+        }
+        if self.photometric == Switch::Off {
+            for pass in passes {
+                pass.photometric = false;
+            }
+        }
         options
     }
 }
@@ -268,6 +298,20 @@ fn utc_name(seconds: u64) -> String {
     format!("{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}Z")
 }
 
+/// Three counts, the coarsest pass first; a hundred is far beyond what converges.
+fn parse_iterations(text: &str) -> Result<[usize; 3], String> {
+    let counts: Vec<usize> = text
+        .split('/')
+        .filter_map(|count| count.parse().ok().filter(|count| (1..=100).contains(count)))
+        .collect();
+    match <[usize; 3]>::try_from(counts) {
+        Ok(counts) if text.split('/').count() == 3 => Ok(counts),
+        _ => Err(format!(
+            "`{text}` is not three numbers from 1 to 100; write 8/5/4"
+        )),
+    }
+}
+
 fn parse_seconds(text: &str) -> Result<f64, String> {
     let seconds: f64 = text
         .parse()
@@ -285,6 +329,21 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn iterations_are_three_counts() {
+        assert_eq!(parse_iterations("8/5/4"), Ok([8, 5, 4]));
+        for text in ["", "8/5", "8/5/4/1", "8/5/0", "8/5/x", "8/5/4/", "101/1/1"] {
+            assert!(parse_iterations(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_iterations_in_the_help_are_the_default() {
+        let passes = FuseOptions::default().live.icp.passes;
+        let counts: Vec<usize> = passes.iter().map(|pass| pass.iterations).collect();
+        assert_eq!(counts, [8, 5, 4]);
+    }
 
     #[test]
     fn file_names_carry_the_utc_time() {
