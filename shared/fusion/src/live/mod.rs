@@ -231,6 +231,11 @@ impl LiveFusion {
         self.last.as_ref()
     }
 
+    /// Bytes that all maps hold; [`crate::VolumeConfig::memory_limit_bytes`] bounds them together.
+    pub fn memory_bytes(&self) -> usize {
+        self.maps.iter().map(|map| map.volume.memory_bytes()).sum()
+    }
+
     /// What the model looked like for the last alignment.
     pub fn view(&self) -> &ModelView {
         &self.view

@@ -172,3 +172,45 @@ fn one_and_two_workers_give_the_same_bits() {
     };
     assert_eq!(poses_with(1), poses_with(2));
 }
+
+fn bounded(limit: usize) -> LiveConfig {
+    LiveConfig {
+        new_map_after: 3,
+        volume: VolumeConfig {
+            memory_limit_bytes: limit,
+            ..config().volume
+        },
+        ..config()
+    }
+}
+
+/// A room, then a ball that is nowhere in it.
+fn room_and_ball(config: LiveConfig) -> (Player, usize, Tracked) {
+    let mut player = Player::new(config);
+    for frame in 0..3 {
+        player.see(&swing(frame));
+    }
+    let held = player.live.memory_bytes();
+    let ball = shapes::depth(shapes::SPHERE, &shapes::camera(), &Pose::IDENTITY);
+    let last = (0..6).map(|_| player.play(&ball)).last().expect("frames");
+    (player, held, last)
+}
+
+#[test]
+fn worlds_share_one_memory() {
+    let limit = 100 << 20;
+    let (player, held, last) = room_and_ball(bounded(limit));
+    assert_eq!(last.map, 1);
+    assert_eq!(
+        player.live.volume().config().memory_limit_bytes + held,
+        limit
+    );
+    assert!(player.live.memory_bytes() > held);
+}
+
+#[test]
+fn no_world_begins_without_memory() {
+    let (player, held, last) = room_and_ball(bounded(64 << 20));
+    assert_eq!((last.map, last.state), (0, TrackState::Lost));
+    assert_eq!(player.live.memory_bytes(), held);
+}
