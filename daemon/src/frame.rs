@@ -1,6 +1,6 @@
 //! Frames on their way through the threads, and the fixed pools they come from.
 
-use ringbuf::traits::{Consumer as _, Producer as _, Split as _};
+use ringbuf::traits::{Consumer, Producer as _, Split as _};
 use ringbuf::{HeapCons, HeapProd, HeapRb};
 use sequence::FrameTimes;
 
@@ -24,7 +24,8 @@ pub struct ColorFrame {
 
 /// Handles of the frames that are free: the source takes, the last user gives back.
 pub struct FreeFrames<F> {
-    free: HeapCons<Box<F>>,
+    /// One for each user.
+    free: Vec<HeapCons<Box<F>>>,
     /// One that was taken and not used.
     spare: Option<Box<F>>,
 }
@@ -34,24 +35,31 @@ pub struct Returns<F> {
     free: HeapProd<Box<F>>,
 }
 
-/// A pool of `frames`. All memory that frames will ever use is made here.
-pub fn pool<F>(frames: impl ExactSizeIterator<Item = F>) -> (FreeFrames<F>, Returns<F>) {
-    let (mut give, take) = HeapRb::new(frames.len().max(1)).split();
-    for frame in frames {
-        // As many places as frames.
-        let _ = give.try_push(Box::new(frame));
+/// A pool of `frames`, with a way back for each of its `USERS`. All memory that frames will ever use is made here.
+pub fn pool<F, const USERS: usize>(
+    frames: impl ExactSizeIterator<Item = F>,
+) -> (FreeFrames<F>, [Returns<F>; USERS]) {
+    // As many places as frames, for each user.
+    let places = frames.len().max(1);
+    let mut free = Vec::with_capacity(USERS);
+    let mut returns: [Returns<F>; USERS] = std::array::from_fn(|_| {
+        let (give, take) = HeapRb::new(places).split();
+        free.push(take);
+        Returns { free: give }
+    });
+    if let Some(first) = returns.first_mut() {
+        for frame in frames {
+            first.give(Box::new(frame));
+        }
     }
-    let free = FreeFrames {
-        free: take,
-        spare: None,
-    };
-    (free, Returns { free: give })
+    (FreeFrames { free, spare: None }, returns)
 }
 
 impl<F> FreeFrames<F> {
     /// A free frame, if there is one.
     pub fn take(&mut self) -> Option<Box<F>> {
-        self.spare.take().or_else(|| self.free.try_pop())
+        let spare = self.spare.take();
+        spare.or_else(|| self.free.iter_mut().find_map(Consumer::try_pop))
     }
 
     /// Keeps the frame that was taken last for the next time.

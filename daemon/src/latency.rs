@@ -50,7 +50,7 @@ impl Begun {
 }
 
 /// Processor time of this thread.
-fn thread_nanos() -> u64 {
+pub(crate) fn thread_nanos() -> u64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     let nanos = time
         .tv_sec

@@ -1,5 +1,5 @@
 //! glintd, the recorder: frames of a camera, or of a recording that stands in for one, into a `.glint` file that
-//! can be trusted.
+//! can be trusted; beside it the camera is tracked and its frames are fused.
 //!
 //! For: never losing a frame silently, bounded memory, a file that is whole at every moment. Not for: training,
 //! networks, rendering.
@@ -16,17 +16,17 @@
 //!
 //! Map, along the way of a frame: [`source_spec`] what stands on the command line · [`replay`] a recording as a
 //! camera · [`frame`] frames and their pools · [`drops`] what is missing, and why · [`pair`] depth with colour ·
-//! [`record`] encoding · [`message`] encoded records in a ring of bytes · [`disk`] the writer · [`capture`] the
-//! threads · [`clock`] and [`status`] what they share · [`latency`] and [`outcome`] what is
+//! [`record`] encoding · [`fuse`] tracking and fusion · [`message`] encoded records in a ring of bytes · [`disk`] the
+//! writer · [`mesh`] the surface at the end · [`capture`] the threads · [`clock`] and [`status`] what they share · [`latency`] and [`outcome`] what is
 //! counted · [`inspect`] info, verify, recover, cut · [`cli`] the command line.
 //!
 //! ```text
 //! source ─ring─► pair ─ring─► record ─ring of bytes (3 s)─► disk
-//!    ▲                           │
-//!    └────── free frames ────────┘
+//!    ▲                           ├─ring (8)─► fuse ─ring of bytes─┘
+//!    └────── free frames ────────┴─────────────┘
 //! ```
 //!
-//! Invariants: nothing is allocated per frame once warm (`tests/allocations.rs`); no thread waits for a later one
+//! Invariants: nothing is allocated per frame once warm, but by the JPEG decoder (`tests/allocations.rs`); no thread waits for a later one
 //! unless the source can be paused (`speed=max`); every frame that the source numbered is in the file or in a gap.
 
 pub mod capture;
@@ -35,8 +35,10 @@ pub mod clock;
 pub mod disk;
 pub mod drops;
 pub mod frame;
+pub mod fuse;
 pub mod inspect;
 pub mod latency;
+pub mod mesh;
 pub mod message;
 pub mod outcome;
 pub mod pair;

@@ -25,6 +25,10 @@ pub enum MessageKind {
     Histogram = 4,
     /// Nothing follows.
     End = 5,
+    /// Entries of a poses record.
+    Poses = 6,
+    /// An event's JSON.
+    Event = 7,
 }
 
 /// The beginning of a message.
@@ -61,12 +65,14 @@ impl MessageHead {
             2 => MessageKind::Table,
             3 => MessageKind::Gap,
             4 => MessageKind::Histogram,
+            6 => MessageKind::Poses,
+            7 => MessageKind::Event,
             _ => MessageKind::End,
         }
     }
 }
 
-/// The end that the record thread has.
+/// The end that the record thread, or the fuse thread, has.
 pub struct MessageSender {
     ring: HeapProd<u8>,
     newest_nanos: Arc<AtomicI64>,

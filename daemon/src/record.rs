@@ -10,12 +10,13 @@ use ringbuf::traits::{Consumer as _, Observer as _};
 use sequence::codecs::{CodeTable, DepthCodec, MAX_CODES};
 use sequence::encode::{ColorStreamEncoder, DepthStreamEncoder};
 use sequence::layout::{FrameHeader, GapHeader};
-use sequence::{COLOR_STREAM, DEPTH_STREAM, FrameTimes, GapCause, SequenceError, Streams};
+use sequence::{COLOR_STREAM, DEPTH_STREAM, GapCause, SequenceError, Streams};
 use zerocopy::IntoBytes as _;
 
 use crate::capture::LONGEST_PARK;
 use crate::drops::Drop;
 use crate::frame::{ColorFrame, DepthFrame, Returns};
+use crate::fuse::frames::{FuseLink, FuseUnit};
 use crate::latency::Work;
 use crate::message::{HEAD_BYTES, MessageKind, MessageSender};
 use crate::pair::Unit;
@@ -42,6 +43,8 @@ pub struct RecordEnds {
     pub disk: Unparker,
     /// Wakes the source.
     pub source: Unparker,
+    /// To the fuse thread, where there is one.
+    pub fuse: Option<FuseLink>,
 }
 
 /// Encodes the frames of one recording.
@@ -145,45 +148,86 @@ impl<'status> Recorder<'status> {
             Unit::Depth(depth) => (Some(depth), None),
             Unit::Color(color) => (None, Some(color)),
         };
-        if let Some(frame) = depth {
+        let (mut kept_depth, mut kept_color) = (None, None);
+        if let Some(mut frame) = depth {
             if frame.samples.len() != self.pixel_count {
                 self.drop_frame(DEPTH_STREAM, frame.times.number, GapCause::Corrupt);
+                self.ends.depth_returns.give(frame);
             } else if has_room {
-                self.record_depth(&frame)?;
+                self.record_depth(&mut frame)?;
+                kept_depth = Some(frame);
             } else {
                 self.drop_frame(DEPTH_STREAM, frame.times.number, GapCause::RingFull);
+                self.ends.depth_returns.give(frame);
             }
-            self.ends.depth_returns.give(frame);
         }
-        if let Some(frame) = color {
+        if let Some(mut frame) = color {
             let is_short = match self.color_bytes {
                 Some(bytes) => frame.bytes.len() != bytes,
                 None => frame.bytes.is_empty(),
             };
             if is_short {
                 self.drop_frame(COLOR_STREAM, frame.times.number, GapCause::Corrupt);
+                self.ends.color_returns.give(frame);
             } else if has_room {
-                self.record_color(&frame)?;
+                self.record_color(&mut frame)?;
+                kept_color = Some(frame);
             } else {
                 self.drop_frame(COLOR_STREAM, frame.times.number, GapCause::RingFull);
+                self.ends.color_returns.give(frame);
             }
-            self.ends.color_returns.give(frame);
         }
         self.ends.disk.unpark();
+        self.pass_on(kept_depth, kept_color);
         self.ends.source.unpark();
         self.warn_of_fill();
         Ok(())
     }
 
-    fn record_depth(&mut self, frame: &DepthFrame) -> Result<(), SequenceError> {
-        let begun = Work::begin();
-        let times = FrameTimes {
-            is_repeat: self.last[0].nanos.is_some() && self.previous_depth == frame.samples,
-            ..frame.times
+    /// Frames that are in the file go to the fuse thread where it can have them, else back to the source. A frame that
+    /// repeats its predecessor shows nothing new (hard-cases B13), and colour alone is not tracked.
+    fn pass_on(&mut self, depth: Option<Box<DepthFrame>>, color: Option<Box<ColorFrame>>) {
+        let Some(link) = &mut self.ends.fuse else {
+            return self.give_back(depth, color);
         };
+        let Some(depth) = depth else {
+            return self.give_back(None, color);
+        };
+        if depth.times.is_repeat {
+            link.count_repeat();
+            return self.give_back(Some(depth), color);
+        }
+        let (stale, color) = match color {
+            Some(color) if color.times.is_repeat => (Some(color), None),
+            color => (None, color),
+        };
+        let refused = link.hand(FuseUnit { depth, color }, &self.ends.parker);
+        self.give_back(None, stale);
+        if let Err(unit) = refused {
+            self.give_back(Some(unit.depth), unit.color);
+        }
+    }
+
+    fn give_back(&mut self, depth: Option<Box<DepthFrame>>, color: Option<Box<ColorFrame>>) {
+        if let Some(depth) = depth {
+            self.ends.depth_returns.give(depth);
+        }
+        if let Some(color) = color {
+            self.ends.color_returns.give(color);
+        }
+    }
+
+    fn record_depth(&mut self, frame: &mut DepthFrame) -> Result<(), SequenceError> {
+        let begun = Work::begin();
+        frame.times.is_repeat =
+            self.last[0].nanos.is_some() && self.previous_depth == frame.samples;
+        let times = frame.times;
         self.send_gaps(DEPTH_STREAM, times.number, Some(times.device_nanos));
         if !times.is_repeat {
             self.previous_depth.clone_from(&frame.samples);
+            if let Some(link) = &self.ends.fuse {
+                link.announce();
+            }
         }
         let (payload, table) = self.depth_encoder.encode(&frame.samples)?;
         if let Some(table) = table {
@@ -205,12 +249,10 @@ impl<'status> Recorder<'status> {
         Ok(())
     }
 
-    fn record_color(&mut self, frame: &ColorFrame) -> Result<(), SequenceError> {
+    fn record_color(&mut self, frame: &mut ColorFrame) -> Result<(), SequenceError> {
         let begun = Work::begin();
-        let times = FrameTimes {
-            is_repeat: self.last[1].nanos.is_some() && self.previous_color == frame.bytes,
-            ..frame.times
-        };
+        frame.times.is_repeat = self.last[1].nanos.is_some() && self.previous_color == frame.bytes;
+        let times = frame.times;
         self.send_gaps(COLOR_STREAM, times.number, Some(times.device_nanos));
         if !times.is_repeat {
             self.previous_color.clone_from(&frame.bytes);

@@ -4,8 +4,10 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use crossbeam::sync::{Parker, Unparker};
+use geometry::Pose;
 use ringbuf::HeapProd;
 use ringbuf::traits::Producer as _;
+use sequence::contents::StoredPoses;
 use sequence::decode::StreamDecoders;
 use sequence::recording::widest_pair_nanos;
 use sequence::scan::RecordPlace;
@@ -13,8 +15,10 @@ use sequence::{FrameTimes, GapCause, Recording, SequenceError};
 
 use crate::capture::LONGEST_PARK;
 use crate::clock::HostClock;
+use crate::disk::SOURCE_SET;
 use crate::drops::{Drop, DropLog};
 use crate::frame::{ColorFrame, DepthFrame, FreeFrames};
+use crate::latency::Work;
 use crate::pair::Sent;
 use crate::source_spec::{ReplaySpec, Speed};
 use crate::status::{Status, StopFlag};
@@ -33,6 +37,8 @@ pub struct SourceEnds {
     pub pair: Unparker,
     /// Where this thread waits for free frames.
     pub parker: Parker,
+    /// What decoding took so far.
+    pub decoding: Work,
 }
 
 /// Plays the frames of a recording, of both streams in the order of their times.
@@ -139,14 +145,41 @@ impl Replay {
         widest_pair_nanos(self.recording.description())
     }
 
-    /// Plays until the end or until `stop`.
+    /// The poses that the recording brings, and whether they are of the colour camera.
+    pub fn source_poses(&self) -> Option<(StoredPoses, bool)> {
+        let sets = &self.recording.contents().pose_sets;
+        let stored = sets.iter().find(|set| set.head.name == SOURCE_SET)?;
+        let is_color = stored.head.stream == self.recording.description().color_id;
+        Some((stored.clone(), is_color))
+    }
+
+    /// World from depth camera of the first frame that has a pose; identity where none has.
+    pub fn first_pose(&self) -> Pose {
+        let poses = self.recording.poses(SOURCE_SET).unwrap_or_default();
+        poses
+            .iter()
+            .flatten()
+            .next()
+            .copied()
+            .unwrap_or(Pose::IDENTITY)
+    }
+
+    /// Time from frame to frame as it is played, nanoseconds; `None` where the source waits for the recorder.
+    pub fn period_nanos(&self, rate_hz: f64) -> Option<i64> {
+        match self.speed {
+            Speed::Max => None,
+            Speed::Times(times) => Some((1e9 / rate_hz / times).round() as i64),
+        }
+    }
+
+    /// Plays until the end or until `stop`; returns what decoding took.
     pub fn run(
         &self,
         mut ends: SourceEnds,
         clock: HostClock,
         status: &Status,
         stop: &StopFlag,
-    ) -> Result<(), SequenceError> {
+    ) -> Result<Work, SequenceError> {
         let mut decoders = StreamDecoders::new(self.recording.description())?;
         let begun = Instant::now();
         let first_nanos = self
@@ -162,7 +195,7 @@ impl Replay {
                 self.wait_until(begun, played, stop);
                 if stop.is_set() {
                     ends.drops.flush_all();
-                    return Ok(());
+                    return Ok(ends.decoding);
                 }
                 self.play(
                     step,
@@ -183,7 +216,7 @@ impl Replay {
             }
         }
         ends.drops.flush_all();
-        Ok(())
+        Ok(ends.decoding)
     }
 
     fn wait_until(&self, begun: Instant, played_nanos: i128, stop: &StopFlag) {
@@ -256,7 +289,10 @@ impl Replay {
             }
         };
         let error = if let Some(mut frame) = depth_frame {
-            match self.decode_depth(place, &mut frame, decoders) {
+            let begun = Work::begin();
+            let decoded = self.decode_depth(place, &mut frame, decoders);
+            ends.decoding = ends.decoding.and(begun.end());
+            match decoded {
                 Ok(stored) => {
                     frame.times = times(stored);
                     return self.send(Sent::Depth(frame), ends, stream);
@@ -267,7 +303,10 @@ impl Replay {
                 }
             }
         } else if let Some(mut frame) = color_frame {
-            match self.decode_color(place, &mut frame, decoders) {
+            let begun = Work::begin();
+            let decoded = self.decode_color(place, &mut frame, decoders);
+            ends.decoding = ends.decoding.and(begun.end());
+            match decoded {
                 Ok(stored) => {
                     frame.times = times(stored);
                     return self.send(Sent::Color(frame), ends, stream);

@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 use sequence::GapCause;
 
@@ -58,36 +58,58 @@ impl fmt::Display for EndReason {
 
 /// Set once, by whoever first has a reason to end.
 #[derive(Clone, Debug, Default)]
-pub struct StopFlag(Arc<AtomicUsize>);
+pub struct StopFlag {
+    reason: Arc<AtomicUsize>,
+    /// Set by every signal.
+    signal: Arc<AtomicBool>,
+}
 
 impl StopFlag {
     /// Ends the recording; a reason that is there already stays.
     pub fn stop(&self, reason: EndReason) {
-        let _ = self
-            .0
-            .compare_exchange(0, reason as usize, Ordering::Relaxed, Ordering::Relaxed);
+        let _ =
+            self.reason
+                .compare_exchange(0, reason as usize, Ordering::Relaxed, Ordering::Relaxed);
     }
 
     /// Ends the recording when SIGINT or SIGTERM comes.
     pub fn stop_on_signals(&self) -> std::io::Result<()> {
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-            let flag = Arc::clone(&self.0);
+            let flag = Arc::clone(&self.reason);
             signal_hook::flag::register_usize(signal, flag, EndReason::Stopped as usize)?;
+            signal_hook::flag::register(signal, Arc::clone(&self.signal))?;
         }
         Ok(())
     }
 
+    /// Forgets the signals so far: what comes now stops what follows the recording.
+    pub fn watch_for_another(&self) -> AnotherSignal {
+        self.signal.store(false, Ordering::Relaxed);
+        AnotherSignal(Arc::clone(&self.signal))
+    }
+
     /// Whether the recording ends.
     pub fn is_set(&self) -> bool {
-        self.0.load(Ordering::Relaxed) != 0
+        self.reason.load(Ordering::Relaxed) != 0
     }
 
     /// Why, when it is set.
     pub fn reason(&self) -> Option<EndReason> {
-        let number = self.0.load(Ordering::Relaxed);
+        let number = self.reason.load(Ordering::Relaxed);
         EndReason::ALL
             .into_iter()
             .find(|reason| *reason as usize == number)
+    }
+}
+
+/// Whether another signal came since this was made.
+#[derive(Clone, Debug)]
+pub struct AnotherSignal(Arc<AtomicBool>);
+
+impl AnotherSignal {
+    /// Whether one came.
+    pub fn is_set(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
     }
 }
 
@@ -101,6 +123,10 @@ pub struct Status {
     file_bytes: AtomicU64,
     room_bytes: AtomicU64,
     ring_fill_percent: AtomicU64,
+    tracked: AtomicU64,
+    lost: AtomicU64,
+    skipped: AtomicU64,
+    effort_level: AtomicU64,
 }
 
 /// The counters at a moment.
@@ -120,6 +146,14 @@ pub struct StatusNow {
     pub room_bytes: u64,
     /// Use of the buffer in front of the disk, percent.
     pub ring_fill_percent: u64,
+    /// Frames whose pose is known.
+    pub tracked: u64,
+    /// Frames whose pose is not known.
+    pub lost: u64,
+    /// Frames that were recorded and not tracked, for want of time.
+    pub skipped: u64,
+    /// Steps that fusion has given way, 0 to 3.
+    pub effort_level: u64,
 }
 
 impl Status {
@@ -146,6 +180,13 @@ impl Status {
         self.ring_fill_percent.store(percent, Ordering::Relaxed);
     }
 
+    pub(crate) fn set_fusion(&self, tracked: u64, lost: u64, skipped: u64, effort_level: u64) {
+        self.tracked.store(tracked, Ordering::Relaxed);
+        self.lost.store(lost, Ordering::Relaxed);
+        self.skipped.store(skipped, Ordering::Relaxed);
+        self.effort_level.store(effort_level, Ordering::Relaxed);
+    }
+
     /// The counters now.
     pub fn now(&self) -> StatusNow {
         let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
@@ -157,6 +198,10 @@ impl Status {
             file_bytes: read(&self.file_bytes),
             room_bytes: read(&self.room_bytes),
             ring_fill_percent: read(&self.ring_fill_percent),
+            tracked: read(&self.tracked),
+            lost: read(&self.lost),
+            skipped: read(&self.skipped),
+            effort_level: read(&self.effort_level),
         }
     }
 }

@@ -1,5 +1,7 @@
 //! Nothing is allocated per frame once warm: counted over all threads that frames pass.
 
+#[path = "fuse/scene.rs"]
+mod scene;
 #[path = "record/source.rs"]
 mod source;
 
@@ -7,10 +9,12 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::io;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glintd::capture::{CaptureOptions, capture};
+use glintd::fuse::FuseOptions;
+use glintd::outcome::Outcome;
 use glintd::status::StopFlag;
 use sequence::file_layer::{self, FileLayer, WritePath};
 
@@ -57,7 +61,7 @@ static ALLOCATOR: Counting = Counting;
 /// Notes the count of allocations at every seal.
 struct Noting {
     file: Box<dyn FileLayer>,
-    counts: Arc<[AtomicU64; 64]>,
+    counts: Arc<[AtomicU64; 256]>,
     seals: usize,
 }
 
@@ -91,15 +95,16 @@ impl FileLayer for Noting {
     }
 }
 
-#[test]
-fn nothing_is_allocated_per_frame_once_warm() {
-    WATCHES.set(true);
-    let folder = tempfile::tempdir().unwrap();
-    let input = source::write(folder.path(), 3000, &[]);
-    let output = folder.path().join("out.glint");
+/// One test at a time counts.
+static TURN: Mutex<()> = Mutex::new(());
+
+/// Records `input` and says how many allocations there were at each sync.
+fn counts(input: &Path, fuse: Option<FuseOptions>) -> (Outcome, Vec<u64>) {
+    let output = input.with_file_name("out.glint");
     let source = format!("replay:{}?speed=max", input.display());
     let mut options = CaptureOptions::new(source.parse().unwrap(), output);
     options.reserve_bytes = Some(0);
+    options.fuse = fuse;
     options.clock = {
         use std::sync::atomic::AtomicI64;
         // Five milliseconds a look: several chunks in a short test.
@@ -109,7 +114,7 @@ fn nothing_is_allocated_per_frame_once_warm() {
             wall: || 0,
         }
     };
-    let counts: Arc<[AtomicU64; 64]> = Arc::new(std::array::from_fn(|_| AtomicU64::new(0)));
+    let counts: Arc<[AtomicU64; 256]> = Arc::new(std::array::from_fn(|_| AtomicU64::new(0)));
     let noted = Arc::clone(&counts);
     options.make_layer = Some(Box::new(move |path: &Path| {
         Ok(Box::new(Noting {
@@ -119,15 +124,74 @@ fn nothing_is_allocated_per_frame_once_warm() {
         }))
     }));
     let outcome = capture(options, &StopFlag::default()).unwrap();
-    assert_eq!(outcome.frames_recorded, 6000);
     let counts: Vec<u64> = counts
         .iter()
         .map(|count| count.load(Ordering::Relaxed))
         .take_while(|count| *count > 0)
         .collect();
+    println!("allocations at each sync: {counts:?}");
     assert!(counts.len() > 20, "{counts:?}");
+    (outcome, counts)
+}
+
+#[test]
+fn nothing_is_allocated_per_frame_once_warm() {
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    WATCHES.set(true);
+    let folder = tempfile::tempdir().unwrap();
+    let input = source::write(folder.path(), 3000, &[]);
+    let (outcome, counts) = counts(&input, None);
+    assert_eq!(outcome.frames_recorded, 6000);
     // From the third chunk to the one before the last: hundreds of frames through all threads.
     let (warm, late) = (counts[7], counts[counts.len() - 4]);
-    println!("allocations at each sync: {counts:?}");
     assert_eq!(late - warm, 0, "{counts:?}");
+}
+
+#[test]
+fn nothing_is_allocated_per_frame_that_is_fused_once_warm() {
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    WATCHES.set(true);
+    let folder = tempfile::tempdir().unwrap();
+    // Nothing at first; then the path goes round and round, so that the surface is complete after some rounds.
+    let rounds = (0..400).map(scene::Shot::From);
+    let shots: Vec<scene::Shot> = [scene::Shot::Blank(0)].into_iter().chain(rounds).collect();
+    let input = scene::write(folder.path(), &shots);
+    let mut fuse = FuseOptions::default();
+    fuse.live.volume.voxel_size = 0.01;
+    let (outcome, counts) = counts(&input, Some(fuse));
+    let fusion = &outcome.fusion;
+    assert_eq!((outcome.frames_recorded, fusion.fused), (802, 400));
+    // The last third: tracked, fused, recorded, and nothing new to be seen.
+    let (warm, late) = (counts[2 * counts.len() / 3], counts[counts.len() - 8]);
+    assert_eq!(late - warm, 0, "{counts:?}");
+}
+
+/// Most allocations for a photograph: the decoder is a library, and these are what it makes of its own.
+const MOST_FOR_A_JPEG: u64 = 100;
+
+#[test]
+fn a_jpeg_costs_few_allocations_and_always_as_many() {
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    WATCHES.set(true);
+    let codes = imaging::Rgb8Image::from_fn(640, 480, |x, y| [x as u8, y as u8, (x ^ y) as u8]);
+    let jpeg = imaging::encode_jpeg(&codes, 90).unwrap();
+    let counts: Vec<u64> = std::thread::scope(|scope| {
+        let decoding = scope.spawn(|| {
+            let mut counts = Vec::with_capacity(10);
+            for _ in 0..10 {
+                let before = COUNT.load(Ordering::Relaxed);
+                let decoded = imaging::decode_jpeg(&jpeg);
+                counts.push(COUNT.load(Ordering::Relaxed) - before);
+                assert!(decoded.is_ok());
+            }
+            counts
+        });
+        decoding.join().unwrap()
+    });
+    println!("allocations for each photograph: {counts:?}");
+    assert!(
+        counts[1..]
+            .iter()
+            .all(|count| *count == counts[1] && *count < MOST_FOR_A_JPEG)
+    );
 }

@@ -1,5 +1,7 @@
 //! The program as a user runs it: exit codes, sentences, summaries, signals, kills.
 
+#[path = "fuse/scene.rs"]
+mod scene;
 #[path = "record/source.rs"]
 mod source;
 
@@ -54,7 +56,10 @@ fn a_mistake_gets_one_sentence_and_code_2() {
         (&["verify", draft], "version 1"),
         (&["info", "absent.glint"], "absent.glint"),
         (&["info", "."], "no file"),
-        (&["record", &replay, "-o", new], "--no-fuse"),
+        (
+            &["record", &replay, "-o", new, "--voxel-mm", "0.01"],
+            "voxel size",
+        ),
         (&["record", &replay, "-o", input, "--no-fuse"], "exists"),
         (
             &["record", "camera:1", "-o", new, "--no-fuse"],
@@ -311,6 +316,82 @@ fn sigterm_closes_the_file() {
     let found = verify(&output, true).unwrap();
     assert!(found.is_whole(), "{found:?}");
     assert_eq!(found.summary.end_reason.as_deref(), Some("stopped"));
+}
+
+#[test]
+fn the_surface_is_written_and_the_summary_has_its_keys() {
+    let folder = tempfile::tempdir().unwrap();
+    let shots: Vec<scene::Shot> = (0..11).map(scene::Shot::From).collect();
+    let shots = [&shots[..], &[scene::Shot::Blank(3)]].concat();
+    let input = scene::write(folder.path(), &shots);
+    let (output, mesh) = (
+        folder.path().join("out.glint"),
+        folder.path().join("out.ply"),
+    );
+    let recorded = glintd(&[
+        "record",
+        &format!("replay:{}?speed=max", input.display()),
+        "-o",
+        output.to_str().unwrap(),
+        "--mesh",
+        mesh.to_str().unwrap(),
+        "--voxel-mm",
+        "10",
+        "--reserve-mb",
+        "0",
+        "--json",
+    ]);
+    assert_eq!(
+        recorded.status.code(),
+        Some(0),
+        "{}",
+        text(&recorded.stderr)
+    );
+    let said = summary(&recorded);
+    // The keys of the design, which other tools rely on.
+    for key in [
+        "frames_in",
+        "frames_recorded",
+        "gaps",
+        "tracked",
+        "lost",
+        "realtime_factor",
+        "fuse_ms_p50",
+        "fuse_ms_p99",
+        "record_ms_p99",
+        "bytes",
+        "raw_bytes",
+        "rss_peak_mb",
+    ] {
+        assert!(said[key].is_number(), "{key} in {said}");
+    }
+    let count = |key: &str| said[key].as_u64().unwrap();
+    assert_eq!(
+        (count("tracked"), count("lost"), count("fused")),
+        (11, 1, 11)
+    );
+    let triangles = said["mesh"]["triangles"].as_u64().unwrap();
+    assert!(triangles > 1000, "{said}");
+    let bytes = std::fs::read(&mesh).unwrap();
+    let end = b"end_header\n";
+    let header = bytes
+        .windows(end.len())
+        .position(|window| window == end)
+        .unwrap();
+    let words = text(&bytes[..header]);
+    assert!(
+        words.starts_with("ply\n") && words.contains("property uchar red"),
+        "{words}"
+    );
+    // Position and normal, sRGB and linear colour; a triangle.
+    let vertices = said["mesh"]["vertices"].as_u64().unwrap();
+    let body = (bytes.len() - header - end.len()) as u64;
+    assert_eq!(body, 39 * vertices + 13 * triangles);
+    // Beside it nothing is left.
+    let names = std::fs::read_dir(folder.path())
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name());
+    assert_eq!(names.count(), 3);
 }
 
 /// Kills of a short run; `GLINT_KILLS` sets another number, `GLINT_KILL_SOURCE` another recording.

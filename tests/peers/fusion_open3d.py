@@ -1,14 +1,16 @@
-"""TSDF integration of real frames: glint's crate `fusion` against Open3D, same threads, in one run.
+"""Fusion of real frames: glint's crate `fusion` against Open3D, same threads, in one run.
 
     python3 tests/peers/fusion_open3d.py [REDKITCHEN] [--voxel-mm 5] [--threads 1] [--rounds 3]
-                                         [--least-ratio 8]
 
-Both fuse frames 122-221 with the given poses, depth only, truncation 8 voxels. The two take turns `--rounds`
-times on the same cores; CPU time is compared (the machine may be busy), each side's best round counts.
-Open3D: compute_unique_block_coordinates + integrate on a t.geometry.VoxelBlockGrid of 16^3 blocks, tsdf and
-weight f32, OMP_NUM_THREADS as asked; depth images are converted before the clock starts, as the Rust side's
-are. The Rust side is the example `fuse_folder`, built here by cargo.
-Exit: 0 when the ratio is reached or a tool is absent (said by name), 1 otherwise.
+Both fuse frames 122-221 with the given poses, truncation 8 voxels. Four rows, each with the ratio it needs:
+depth (allocation and integration), the same with colour, and the model predicted from each pose (vertex and
+normal) at 320x240 and at 640x480; then the F-score at 5 mm of the two meshes of the depth run, 0.95 needed.
+The two take turns `--rounds` times on the same cores; CPU time is compared (the machine may be busy), each
+side's best round counts.
+Open3D: compute_unique_block_coordinates + integrate on a t.geometry.VoxelBlockGrid of 16^3 blocks, tsdf,
+weight and colour f32, ray_cast over the blocks of the frame, OMP_NUM_THREADS as asked; images are converted
+before the clock starts, as the Rust side's are. The Rust side is the example `fuse_folder`, built here by cargo.
+Exit: 0 when every bar is reached or a tool is absent (said by name), 1 otherwise.
 """
 
 import argparse
@@ -26,6 +28,15 @@ FRAMES = range(122, 222)
 TRUNCATION_VOXELS = 8.0
 DEPTH_MAX = 4.0
 INVALID = 65535
+F_SCORE_DISTANCE = 0.005
+LEAST_F_SCORE = 0.95
+# Name, flags of both sides, what is compared, ratio needed.
+ROWS = [
+    ("integrate depth", [], "core_ms_total", 10.0),
+    ("integrate depth + colour", ["--color", "yes"], "core_ms_total", 8.0),
+    ("predict 320x240", ["--predict", "320"], "predict_core_ms_total", 10.0),
+    ("predict 640x480", ["--predict", "640"], "predict_core_ms_total", 10.0),
+]
 HEADER = struct.Struct("<III4d")
 
 
@@ -63,18 +74,23 @@ def read_dump(path):
         frames = []
         for _ in range(count):
             pose = np.frombuffer(dump.read(128), "<f8").reshape(4, 4)
-            frames.append((pose, np.frombuffer(dump.read(2 * width * height), "<u2").reshape(height, width)))
+            depth = np.frombuffer(dump.read(2 * width * height), "<u2").reshape(height, width)
+            color = np.frombuffer(dump.read(3 * width * height), "u1").reshape(height, width, 3)
+            frames.append((pose, depth, color))
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), frames
 
 
-def run_open3d(dump, voxel_mm):
+def run_open3d(dump, voxel_mm, has_color, predict_width, mesh):
     """Runs in a process of its own, so that OMP_NUM_THREADS and the affinity hold; prints one line of JSON."""
     k, frames = read_dump(dump)
     core = o3d.core
+    names, dtypes, channels = ("tsdf", "weight"), (core.float32, core.float32), ((1), (1))
+    if has_color:
+        names, dtypes, channels = (*names, "color"), (*dtypes, core.float32), (*channels, (3))
     grid = o3d.t.geometry.VoxelBlockGrid(
-        attr_names=("tsdf", "weight"),
-        attr_dtypes=(core.float32, core.float32),
-        attr_channels=((1), (1)),
+        attr_names=names,
+        attr_dtypes=dtypes,
+        attr_channels=channels,
         voxel_size=voxel_mm / 1000.0,
         block_resolution=16,
         block_count=50_000,
@@ -82,18 +98,57 @@ def run_open3d(dump, voxel_mm):
     )
     intrinsic = core.Tensor(k, core.float64)
     inputs = [
-        (o3d.t.geometry.Image(core.Tensor(depth.copy())), core.Tensor(np.linalg.inv(pose), core.float64))
-        for pose, depth in frames
+        (
+            o3d.t.geometry.Image(core.Tensor(depth.copy())),
+            o3d.t.geometry.Image(core.Tensor(color.copy())) if has_color else None,
+            core.Tensor(np.linalg.inv(pose), core.float64),
+        )
+        for pose, depth, color in frames
     ]
-    times = []
-    for depth, camera_from_world in inputs:
+    height, width = frames[0][1].shape
+    if predict_width:
+        scale = predict_width / width
+        seen = k * scale
+        seen[:2, 2] = (k[:2, 2] + 0.5) * scale - 0.5
+        seen[2, 2] = 1.0
+        seen = core.Tensor(seen, core.float64)
+        seen_size = (predict_width, round(height * scale))
+    times, predict_times = [], []
+    for depth, color, camera_from_world in inputs:
         start = time.process_time()
         blocks = grid.compute_unique_block_coordinates(
             depth, intrinsic, camera_from_world, 1000.0, DEPTH_MAX, TRUNCATION_VOXELS
         )
-        grid.integrate(blocks, depth, intrinsic, camera_from_world, 1000.0, DEPTH_MAX, TRUNCATION_VOXELS)
+        images = (depth, color) if has_color else (depth,)
+        grid.integrate(blocks, *images, intrinsic, camera_from_world, 1000.0, DEPTH_MAX, TRUNCATION_VOXELS)
         times.append(time.process_time() - start)
-    print(json.dumps({"core_ms_total": sum(times) * 1e3, "blocks": int(grid.hashmap().size())}))
+        if predict_width:
+            start = time.process_time()
+            grid.ray_cast(
+                blocks, seen, camera_from_world, *seen_size, ["vertex", "normal"],
+                1000.0, 0.3, DEPTH_MAX, 1.0, TRUNCATION_VOXELS,
+            )
+            predict_times.append(time.process_time() - start)
+    if mesh:
+        o3d.io.write_triangle_mesh(mesh, grid.extract_triangle_mesh(3.0).to_legacy())
+    print(json.dumps({
+        "core_ms_total": sum(times) * 1e3,
+        "predict_core_ms_total": sum(predict_times) * 1e3,
+        "blocks": int(grid.hashmap().size()),
+    }))
+
+
+def f_score(paths, distance):
+    """Harmonic mean of the shares of points of each surface that lie within `distance` of the other."""
+    clouds = []
+    for path in paths:
+        mesh = o3d.io.read_triangle_mesh(path)
+        o3d.utility.random.seed(1)
+        clouds.append(mesh.sample_points_uniformly(500_000))
+    shares = []
+    for one, other in (clouds, clouds[::-1]):
+        shares.append(float((np.asarray(one.compute_point_cloud_distance(other)) < distance).mean()))
+    return 2.0 * shares[0] * shares[1] / max(sum(shares), 1e-12), shares
 
 
 def last_line_of(command, threads):
@@ -108,11 +163,14 @@ def main():
     parser.add_argument("--voxel-mm", type=float, default=5.0)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--least-ratio", type=float, default=8.0)
     parser.add_argument("--open3d-on", metavar="DUMP", help=argparse.SUPPRESS)
+    parser.add_argument("--color", default="no", help=argparse.SUPPRESS)
+    parser.add_argument("--predict", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--mesh", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.open3d_on:
-        return run_open3d(arguments.open3d_on, arguments.voxel_mm)
+        return run_open3d(arguments.open3d_on, arguments.voxel_mm, arguments.color == "yes", arguments.predict,
+                          arguments.mesh)
     folder = pathlib.Path(arguments.folder)
     if not (folder / "camera-intrinsics.txt").exists():
         skip(f"no redkitchen frames in {folder}")
@@ -124,7 +182,11 @@ def main():
     target = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
     # For this process and all that it starts.
     os.sched_setaffinity(0, set(cores[: arguments.threads]))
-    ours, theirs = [], []
+    count = len(FRAMES)
+    print(f"redkitchen {FRAMES.start}-{FRAMES.stop - 1}, {arguments.voxel_mm:g} mm, truncation "
+          f"{TRUNCATION_VOXELS:g} voxels, {arguments.threads} thread(s), best of {arguments.rounds}, "
+          f"load {os.getloadavg()[0]:.1f}, open3d {o3d.__version__}, core-ms per frame")
+    is_reached = True
     with tempfile.TemporaryDirectory() as scratch:
         dump = os.path.join(scratch, "frames.bin")
         write_dump(dump, folder)
@@ -132,22 +194,24 @@ def main():
         fuse = [str(target / "release/examples/fuse_folder"), dump, *voxel,
                 "--truncation-voxels", str(TRUNCATION_VOXELS), "--threads", str(arguments.threads)]
         open3d = [sys.executable, __file__, "--open3d-on", dump, *voxel]
-        for _ in range(arguments.rounds):
-            ours.append(last_line_of(fuse, arguments.threads))
-            theirs.append(last_line_of(open3d, arguments.threads))
-    best_ours = min(ours, key=lambda r: r["core_ms_total"])
-    best_theirs = min(theirs, key=lambda r: r["core_ms_total"])
-    ratio = best_theirs["core_ms_total"] / best_ours["core_ms_total"]
-    count = len(FRAMES)
-    print(f"redkitchen {FRAMES.start}-{FRAMES.stop - 1}, {arguments.voxel_mm:g} mm, truncation "
-          f"{TRUNCATION_VOXELS:g} voxels, depth only, {arguments.threads} thread(s), best of {arguments.rounds}, "
-          f"load {os.getloadavg()[0]:.1f}")
-    print(f"  fusion        {best_ours['core_ms_total'] / count:8.2f} core-ms per frame, "
-          f"{best_ours['blocks']} blocks of 8^3")
-    print(f"  open3d {o3d.__version__} {best_theirs['core_ms_total'] / count:8.2f} core-ms per frame, "
-          f"{best_theirs['blocks']} blocks of 16^3")
-    print(f"  ratio {ratio:.2f} (needed {arguments.least_ratio:g})")
-    sys.exit(0 if ratio >= arguments.least_ratio else 1)
+        meshes = [os.path.join(scratch, name) for name in ("fusion.ply", "open3d.ply")]
+        # Tracking is measured by a row of its own here.
+        for name, flags, key, least_ratio in ROWS:
+            best = [float("inf")] * 2
+            for _ in range(arguments.rounds):
+                for side, command in enumerate((fuse, open3d)):
+                    mesh = ["--mesh", meshes[side]] if not flags else []
+                    report = last_line_of([*command, *flags, *mesh], arguments.threads)
+                    best[side] = min(best[side], report[key] / count)
+            ratio = best[1] / best[0]
+            is_reached &= ratio >= least_ratio
+            print(f"  {name:24} fusion {best[0]:8.2f}   open3d {best[1]:8.2f}   ratio {ratio:6.2f} "
+                  f"(needed {least_ratio:g})", flush=True)
+        score, shares = f_score(meshes, F_SCORE_DISTANCE)
+    is_reached &= score >= LEAST_F_SCORE
+    print(f"  F-score of the meshes at {F_SCORE_DISTANCE * 1000:g} mm: {score:.4f}, shares {shares[0]:.4f} and "
+          f"{shares[1]:.4f} (needed {LEAST_F_SCORE:g})")
+    sys.exit(0 if is_reached else 1)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 //! Training a small studio recording: what must be found, what must not matter, what must be refused.
 
 mod studio;
+mod turned;
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;

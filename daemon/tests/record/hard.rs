@@ -73,8 +73,8 @@ struct Stalled {
 
 fn stalled(frame_count: usize, ring_bytes: usize) -> Stalled {
     let streams = source::description().streams;
-    let (depth_frames, depth_returns) = pool((0..frame_count).map(|_| DepthFrame::default()));
-    let (color_frames, color_returns) = pool((0..frame_count).map(|_| ColorFrame::default()));
+    let (depth_frames, [depth_returns]) = pool((0..frame_count).map(|_| DepthFrame::default()));
+    let (color_frames, [color_returns]) = pool((0..frame_count).map(|_| ColorFrame::default()));
     let (units, from) = HeapRb::new(frame_count).split();
     let (to, receiver) = message::ring(ring_bytes);
     let (_, drops) = drops::channel();
@@ -87,6 +87,7 @@ fn stalled(frame_count: usize, ring_bytes: usize) -> Stalled {
         color_returns,
         disk: other.unparker().clone(),
         source: other.unparker().clone(),
+        fuse: None,
         parker,
     };
     let status: &'static Status = Box::leak(Box::default());

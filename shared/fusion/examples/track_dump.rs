@@ -1,22 +1,32 @@
 //! Tracks and fuses a dump of RGB-D frames and compares the path with a reference, as one line of JSON.
 //!
-//! `track_dump DUMP [--voxel-mm 5] [--threads 1] [--frames A..B] [--no-grey] [--poses OUT.txt] [--verbose]`
+//! Frames that come again get fresh depth noise.
+//!
+//! `track_dump DUMP [--voxel-mm 5] [--threads 1] [--frames A..B,C..D,blank*N,…] [--no-grey] [--coarse-view] [--skip-finest]
+//! [--poses OUT.txt] [--mesh OUT.ply] [--verbose]`
 //!
 //! DUMP, little-endian: u32 columns, rows, frames, 1; f64 fx, fy, cx, cy, metres per unit of the depth camera; u32
 //! columns, rows, f64 fx, fy, cx, cy of the colour camera; 16 f64 color_from_depth; per frame i64 nanoseconds, 16 f64
 //! world_from_camera (row-major, the reference), u16 depth (0 = none), RGB8 with gamma 2.2.
 
+mod mesh_file;
+
 use std::io::{BufReader, Read, Write as _};
 
-use fusion::VolumeConfig;
 use fusion::live::{Effort, LiveConfig, LiveFusion, LiveRig};
 use fusion::tracking::TrackState;
+use fusion::{MeshConfig, VolumeConfig, extract_mesh};
 use geometry::{DMat3, DVec3, Intrinsics, Pose, trajectory_error};
 use imaging::develop::{ColorLayout, Developer};
 use imaging::{Corrector, DepthImage, LinearPixel, Response, Vignetting};
+use rand::{RngExt as _, SeedableRng as _};
+use rand_pcg::Pcg64Mcg;
 use rustix::time::{ClockId, clock_gettime};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+/// In place of a frame number: the last frame without depth.
+const BLANK: usize = usize::MAX;
 
 struct Arguments {
     dump: String,
@@ -26,7 +36,9 @@ struct Arguments {
     frames: std::ops::Range<usize>,
     list: Vec<usize>,
     grey: bool,
+    effort: Effort,
     poses: Option<String>,
+    mesh: Option<String>,
     verbose: bool,
 }
 
@@ -47,12 +59,16 @@ fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> 
         frames: 0..usize::MAX,
         list: Vec::new(),
         grey: true,
+        effort: Effort::default(),
         poses: None,
+        mesh: None,
         verbose: false,
     };
     while let Some(flag) = words.next() {
         match flag.as_str() {
             "--no-grey" => arguments.grey = false,
+            "--coarse-view" => arguments.effort.coarse_view = true,
+            "--skip-finest" => arguments.effort.skip_finest = true,
             "--verbose" => arguments.verbose = true,
             _ => {
                 let value = words.next().ok_or("a value is missing")?;
@@ -61,8 +77,14 @@ fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> 
                     "--truncation-voxels" => arguments.truncation_voxels = value.parse()?,
                     "--threads" => arguments.threads = value.parse()?,
                     "--poses" => arguments.poses = Some(value),
+                    "--mesh" => arguments.mesh = Some(value),
                     "--frames" => {
                         for part in value.split(',') {
+                            if let Some(count) = part.strip_prefix("blank*") {
+                                let blanks = std::iter::repeat_n(BLANK, count.parse()?);
+                                arguments.list.extend(blanks);
+                                continue;
+                            }
                             let (from, to) = part.split_once("..").ok_or("frames are A..B")?;
                             let (from, to): (usize, usize) = (from.parse()?, to.parse()?);
                             arguments.frames = from..to;
@@ -146,30 +168,14 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         },
         ..LiveConfig::default()
     };
-    let mut config = config;
-    let env = |name: &str, d: f32| std::env::var(name).ok().map_or(d, |v| v.parse().unwrap());
-    config.noise.floor = env("FLOOR", config.noise.floor);
-    config.noise.per_square_metre = env("K", config.noise.per_square_metre);
-    for pass in &mut config.icp.passes {
-        pass.robust_scale *= env("RS", 1.0);
-        pass.largest_distance *= env("LD", 1.0);
-    }
-    let extra = env("IT", 0.0) as usize;
-    for pass in &mut config.icp.passes {
-        pass.iterations += extra;
-    }
-    config.icp.photometric_knee = env("KNEE", 0.01).into();
-    config.volume.weight_cap = env("CAP", config.volume.weight_cap);
-    config.volume.reference_depth = env("REF", config.volume.reference_depth);
-    config.volume.max_depth = env("MAX", config.volume.max_depth);
-    config.volume.depth_step = env("STEP", config.volume.depth_step);
     let first = frames[order[0]].as_ref().ok_or("no such frame")?.reference;
     let mut live = LiveFusion::new(config, rig, first)?;
     let (mut references, mut estimates) = (Vec::new(), Vec::new());
-    let mut ms = [0.0; 3];
+    let mut ms = [0.0; 4];
     let mut counts = [0; 3];
     let mut worst = (0.0_f64, 0.0_f64);
     let mut wrong = 0;
+    let mut end_mm = 0.0;
     let mut out = String::new();
     let interval = frames[order[0].max(1)]
         .as_ref()
@@ -177,7 +183,31 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         .max(1);
     let mut last = frames[order[0]].as_ref().map_or(0, |f| f.time_nanos);
     for (place, &index) in order.iter().enumerate() {
-        let frame = frames[index].as_ref().ok_or("no such frame")?;
+        let blank;
+        let is_again = index != BLANK && order[..place].contains(&index);
+        let frame = if index != BLANK && is_again {
+            let frame = frames[index].as_ref().ok_or("no such frame")?;
+            blank = Frame {
+                time_nanos: frame.time_nanos,
+                reference: frame.reference,
+                depth: with_fresh_noise(&frame.depth, place as u64),
+                rgb: frame.rgb.clone(),
+            };
+            &blank
+        } else if index == BLANK {
+            let frame = frames[order[place - 1].min(order[0])]
+                .as_ref()
+                .ok_or("no such frame")?;
+            blank = Frame {
+                time_nanos: frame.time_nanos,
+                reference: frame.reference,
+                depth: DepthImage::new(width, height, 0.0),
+                rgb: frame.rgb.clone(),
+            };
+            &blank
+        } else {
+            frames[index].as_ref().ok_or("no such frame")?
+        };
         // A list of frames plays at the rate of the recording.
         let time = if arguments.list.is_empty() {
             frame.time_nanos
@@ -191,17 +221,35 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         live.load(&frame.depth, arguments.grey);
         let loaded = process_ms();
-        let tracked = live.track(time, Effort::default());
+        let tracked = live.track(time, arguments.effort);
         let found = process_ms();
+        // What the model looks like from there, once more: the share of the prediction in the time of tracking.
+        let mut view = live.view().clone();
+        let predicting = process_ms();
+        live.volume().predict(
+            &live.view().camera,
+            &live.view().world_from_camera,
+            &mut view,
+        );
+        let predicted = process_ms() - predicting;
+        let fusing = process_ms();
         live.fuse(&frame.depth, arguments.grey.then_some(&pixels))?;
         let fused = process_ms();
-        for (sum, part) in ms.iter_mut().zip([loaded - start, found - loaded, fused - found]) {
+        let parts = [
+            loaded - start,
+            found - loaded,
+            fused - fusing,
+            found - loaded - predicted,
+        ];
+        for (sum, part) in ms.iter_mut().zip(parts) {
             *sum += part;
         }
         let error = frame.reference.inverse() * tracked.world_from_camera;
         let (shift, turn) = (
             error.translation().length(),
-            geometry::rotation::log(error.rotation()).length().to_degrees(),
+            geometry::rotation::log(error.rotation())
+                .length()
+                .to_degrees(),
         );
         match tracked.state {
             TrackState::Ok => counts[0] += 1,
@@ -209,6 +257,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
             TrackState::Lost => counts[2] += 1,
         }
         let known = tracked.state != TrackState::Lost;
+        end_mm = 1000.0 * shift;
         if known {
             worst = (worst.0.max(shift), worst.1.max(turn));
             wrong += u32::from(shift > 0.05 || turn > 5.0);
@@ -217,7 +266,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         estimates.push(known.then_some(tracked.world_from_camera.translation()));
         if arguments.verbose {
             println!(
-                "{place:4} {index:4} {:?} map {} shift {:6.1} mm turn {turn:5.2} overlap {:.2} agreement {:.2} load {:.1} track {:.1} fuse {:.1} {}",
+                "{place:4} {index:4} {:?} map {} shift {:6.1} mm turn {turn:5.2} overlap {:.2} agreement {:.2} load {:.1} track {:.1} fuse {:.1} {:?}",
                 tracked.state,
                 tracked.map,
                 shift * 1000.0,
@@ -225,23 +274,31 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
                 tracked.agreement,
                 loaded - start,
                 found - loaded,
-                fused - found,
-                live.diagnosis()
+                fused - fusing,
+                live.last_alignment()
+                    .map(|found| (found.cost, found.solution.rank))
             );
         }
         let (q, t) = (
             tracked.world_from_camera.rotation(),
             tracked.world_from_camera.translation(),
         );
-        out += &format!("{place} {} {} {} {} {} {} {}\n", t.x, t.y, t.z, q.x, q.y, q.z, q.w);
+        out += &format!(
+            "{place} {} {} {} {} {} {} {}\n",
+            t.x, t.y, t.z, q.x, q.y, q.z, q.w
+        );
     }
     if let Some(path) = &arguments.poses {
         std::fs::File::create(path)?.write_all(out.as_bytes())?;
     }
+    if let Some(path) = &arguments.mesh {
+        let mesh = extract_mesh(live.volume(), &MeshConfig::default());
+        mesh_file::write_ply(&mesh, path)?;
+    }
     let error = trajectory_error(&references, &estimates)?;
     let n = order.len() as f64;
     println!(
-        "{{\"frames\": {}, \"ok\": {}, \"weak\": {}, \"lost\": {}, \"ate_mm\": {:.2}, \"worst_mm\": {:.1}, \"worst_deg\": {:.2}, \"wrong\": {wrong}, \"load_ms\": {:.2}, \"track_ms\": {:.2}, \"fuse_ms\": {:.2}, \"blocks\": {}}}",
+        "{{\"frames\": {}, \"ok\": {}, \"weak\": {}, \"lost\": {}, \"ate_mm\": {:.2}, \"worst_mm\": {:.1}, \"worst_deg\": {:.2}, \"wrong\": {wrong}, \"end_mm\": {end_mm:.1}, \"load_ms\": {:.2}, \"track_ms\": {:.2}, \"align_ms\": {:.2}, \"fuse_ms\": {:.2}, \"blocks\": {}}}",
         order.len(),
         counts[0],
         counts[1],
@@ -251,10 +308,21 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         worst.1,
         ms[0] / n,
         ms[1] / n,
+        ms[3] / n,
         ms[2] / n,
         live.volume().block_count()
     );
     Ok(())
+}
+
+/// The same surface measured again: noise of a PrimeSense sensor, 1.2e-3 z² metres.
+fn with_fresh_noise(depth: &DepthImage, seed: u64) -> DepthImage {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    depth.map(|z| {
+        // The sum of four uniform numbers, variance 1/3, is near enough to normal.
+        let sum: f32 = (0..4).map(|_| random.random_range(-0.5..0.5)).sum();
+        z + 1.2e-3 * z * z * sum * 3.0_f32.sqrt()
+    })
 }
 
 fn pose(m: &[f64; 16]) -> Result<Pose, Failure> {

@@ -16,12 +16,9 @@ pub struct SymmetricEigen<const N: usize> {
 /// 8.5). Only the upper triangle is read. Small eigenvalues are right relative to the largest one, not to
 /// themselves; a matrix that is not finite gives values that are not finite.
 pub fn symmetric_eigen<const N: usize>(matrix: &[[f64; N]; N]) -> SymmetricEigen<N> {
-    let mut a = *matrix;
-    for row in 0..N {
-        for column in 0..row {
-            a[row][column] = a[column][row];
-        }
-    }
+    let mut a: [[f64; N]; N] = std::array::from_fn(|row| {
+        std::array::from_fn(|column| matrix[row.min(column)][row.max(column)])
+    });
     let mut vectors: [[f64; N]; N] =
         std::array::from_fn(|row| std::array::from_fn(|column| f64::from(u8::from(row == column))));
     for _ in 0..SWEEPS {
@@ -94,11 +91,9 @@ mod tests {
                 continue;
             }
             let (sine, cosine) = (0.3 + turn as f64).sin_cos();
-            for column in 0..N {
-                let (a, b) = (axes[p][column], axes[q][column]);
-                axes[p][column] = cosine * a - sine * b;
-                axes[q][column] = sine * a + cosine * b;
-            }
+            let (a, b) = (axes[p], axes[q]);
+            axes[p] = std::array::from_fn(|c| cosine * a[c] - sine * b[c]);
+            axes[q] = std::array::from_fn(|c| sine * a[c] + cosine * b[c]);
         }
         std::array::from_fn(|r| {
             std::array::from_fn(|c| (0..N).map(|k| values[k] * axes[k][r] * axes[k][c]).sum())
@@ -108,7 +103,11 @@ mod tests {
     #[test]
     fn known_eigenvalues_come_back_in_order() {
         let found = symmetric_eigen(&turned([0.0, 3.0, 1e-4, 2.0, 7.0, 1.0]));
-        for (value, expected) in found.values.into_iter().zip([7.0, 3.0, 2.0, 1.0, 1e-4, 0.0]) {
+        for (value, expected) in found
+            .values
+            .into_iter()
+            .zip([7.0, 3.0, 2.0, 1.0, 1e-4, 0.0])
+        {
             assert!((value - expected).abs() < 1e-14, "{value} for {expected}");
         }
     }
@@ -117,8 +116,8 @@ mod tests {
     fn vectors_are_orthonormal_and_rebuild_the_matrix() {
         let matrix = turned([5.0, 5.0, 1.0, 1e-9, 0.2, 30.0]);
         let found = symmetric_eigen(&matrix);
-        for r in 0..6 {
-            for c in 0..6 {
+        for (r, row) in matrix.iter().enumerate() {
+            for (c, expected) in row.iter().enumerate() {
                 let dot: f64 = (0..6)
                     .map(|k| found.vectors[r][k] * found.vectors[c][k])
                     .sum();
@@ -126,7 +125,7 @@ mod tests {
                 let entry: f64 = (0..6)
                     .map(|k| found.values[k] * found.vectors[k][r] * found.vectors[k][c])
                     .sum();
-                assert!((entry - matrix[r][c]).abs() < 1e-13);
+                assert!((entry - expected).abs() < 1e-13);
             }
         }
     }

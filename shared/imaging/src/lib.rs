@@ -1,6 +1,6 @@
 //! Images: buffers, the way from sensor codes to linear radiance and metres, files, error measures.
 //!
-//! For: pixel memory, transfer curves, response, vignetting, half-size images, JPEG, PNG and EXR, measures
+//! For: pixel memory, transfer curves, response, vignetting, development, registration, half-size images, JPEG, PNG and EXR, measures
 //! of image error. Not for: frames and recordings (`sequence`), cameras and poses (`geometry`), devices.
 //!
 //! ```
@@ -16,7 +16,9 @@
 //! ```
 //!
 //! Map: [`image`] buffers · [`depth`] codes to metres · [`response`] code curves · [`vignetting`] fall-off ·
-//! [`radiance`] the correction in one pass · [`linear_pixel`] fixed-point radiance of the live path ·
+//! [`radiance`] the correction in one pass · [`develop`] raw frames of any layout into radiance ·
+//! [`linear_pixel`] fixed-point radiance of the live path · [`registration`] the colour of every depth pixel ·
+//! [`kernels`] vectorised inner loops ·
 //! [`pyramid`] half sizes · [`srgb`] the transfer curve of screens · [`files`] JPEG and PNG ·
 //! [`exr_files`] panoramas and confidence · [`whole_file`] no partial files · [`measures`] errors and their
 //! summaries · [`error`] what is refused.
@@ -39,10 +41,13 @@ pub mod radiance;
 pub mod registration;
 pub mod response;
 pub mod srgb;
+pub mod undistortion;
 pub mod vignetting;
 pub mod whole_file;
 
-pub use crate::depth::{DepthCounts, NO_DEPTH, is_measured, metres_from_float, metres_from_raw};
+pub use crate::depth::{
+    DepthCounts, DepthTable, NO_DEPTH, is_measured, metres_from_float, metres_from_raw,
+};
 pub use crate::develop::{ChromaSiting, ColorLayout, Developer, YuvCoding, YuvMatrix, YuvRange};
 pub use crate::error::ImagingError;
 pub use crate::exr_files::{
@@ -62,5 +67,6 @@ pub use crate::radiance::{Corrector, Radiance, dilated};
 pub use crate::registration::Registration;
 pub use crate::response::{CodeFlag, Response, ResponseRepair};
 pub use crate::srgb::Srgb8;
+pub use crate::undistortion::Undistortion;
 pub use crate::vignetting::Vignetting;
 pub use crate::whole_file::write_whole_file;

@@ -15,10 +15,10 @@ use crate::contents::require_pose_set_name;
 use crate::description::Description;
 use crate::error::SequenceError;
 use crate::file_layer::{self, FileLayer, WritePath};
-use crate::layout::FLAG_REPEAT;
+use crate::layout::{FLAG_REPEAT, PoseBytes};
 use crate::record::{
     End, Event, FramePose, FrameTimes, Gap, GapCause, Gravity, Histogram, Note, PoseSetHead,
-    RecordKind, StreamTotals, poses_payload,
+    RecordKind, StreamTotals, poses_header,
 };
 use crate::split::Split;
 
@@ -281,10 +281,21 @@ impl RecordingWriter {
 
     /// Appends poses to a set.
     pub fn write_poses(&mut self, set: u16, poses: &[FramePose]) -> Result<(), SequenceError> {
+        let entries: Vec<PoseBytes> = poses.iter().map(FramePose::bytes).collect();
+        self.write_pose_bytes(set, &entries)
+    }
+
+    /// As [`RecordingWriter::write_poses`], of entries that are bytes already. Allocates nothing once warm.
+    pub fn write_pose_bytes(
+        &mut self,
+        set: u16,
+        entries: &[PoseBytes],
+    ) -> Result<(), SequenceError> {
         let head = self.pose_sets.iter().find(|head| head.id == set);
         let stream = head.map_or(0, |head| head.stream);
         let label = RecordLabel::of(RecordKind::Poses, stream);
-        self.append(label, &[&poses_payload(set, poses)])
+        let header = poses_header(set);
+        self.append(label, &[header.as_bytes(), entries.as_bytes()])
     }
 
     /// Appends a record of any kind with the payload it has, even of a kind that this version does not know.

@@ -21,6 +21,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
@@ -142,7 +143,7 @@ fn run_point(
         .tempdir_in(&options.output)
         .with_context(|| format!("cannot write in {}", options.output.display()))?;
     let command = runner.command(&point.setting, desk.path())?;
-    let words = words_of(&command);
+    let words = words_of(&command, desk.path());
     let started_utc = utc_now();
     let ended = child::run(command, desk.path(), options.timeout)?;
     let (mut status, mut reason) = (ended.status, ended.reason);
@@ -172,14 +173,29 @@ fn run_point(
     })
 }
 
-/// Program and arguments; of the program only its name, since folders are of one machine.
-fn words_of(command: &Command) -> Vec<String> {
+/// Program and arguments; of the program only its name and of what is in `desk` the name there, since folders are of
+/// one machine.
+fn words_of(command: &Command, desk: &Path) -> Vec<String> {
     let program = Path::new(command.get_program()).file_name();
+    let argument = |word: &OsStr| {
+        let inside = Path::new(word).strip_prefix(desk);
+        inside.map_or_else(|_| word.to_owned(), |inside| inside.as_os_str().to_owned())
+    };
     program
+        .map(OsStr::to_owned)
         .into_iter()
-        .chain(command.get_args())
+        .chain(command.get_args().map(argument))
         .map(|word| word.to_string_lossy().into_owned())
         .collect()
+}
+
+/// A short name of recording and program together.
+///
+/// # Errors
+/// When the program cannot be read.
+pub fn program_key(options: &TradeoffOptions) -> anyhow::Result<String> {
+    let both = format!("{}\n{}", options.scene_blake3, hash_of(&options.program)?);
+    Ok(machine::short_hash(both.as_bytes()))
 }
 
 fn hash_of(path: &Path) -> anyhow::Result<String> {

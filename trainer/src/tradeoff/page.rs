@@ -3,7 +3,7 @@
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::child::PointStatus;
-use super::result::{Measurement, PointResult};
+use super::result::{Measurement, PointResult, digits};
 use super::subject::Axis;
 
 const STYLE: &str = "
@@ -11,7 +11,7 @@ body{margin:0;background:#fbfaf7;color:#1d2328;font:15px/1.5 system-ui,sans-seri
 main{max-width:1160px;margin:0 auto;padding:28px 20px 60px}h1{font-size:24px;margin:0 0 4px}p{margin:6px 0;max-width:90ch}
 .soft{color:#5b666f}svg{max-width:100%;height:auto}table{border-collapse:collapse;margin:12px 0;font-size:13px;font-variant-numeric:tabular-nums}
 th,td{text-align:right;padding:3px 12px 3px 0;border-bottom:1px solid #dcdfe1}th{cursor:pointer;color:#5b666f;vertical-align:bottom}
-th:first-child,td:first-child{text-align:left}.sure,.maybe{color:#8a4b12;font-weight:600}.bad{color:#a3262a}
+th:first-child,td:first-child{text-align:left;white-space:nowrap}.sure,.maybe{color:#8a4b12;font-weight:600}.bad{color:#a3262a}
 ";
 
 /// Sorts by the column whose head is clicked: numbers by value, the rest as text, the other way at the second click.
@@ -59,7 +59,7 @@ pub(super) fn html(measurement: &Measurement, svg: &str) -> String {
                         @for column in &columns { th { (column.label) } }
                         th { "core-seconds of a run" } th { "steal, %" } th { "load" }
                     } }
-                    tbody { @for point in &measurement.points { (row(point, &columns)) } }
+                    tbody { @for point in &measurement.points { (row(measurement, point, &columns)) } }
                 }
                 p.soft { "A click on a head sorts. The command of a point is shown where the pointer rests on its name." }
             } script { (PreEscaped(SORT)) } }
@@ -68,7 +68,7 @@ pub(super) fn html(measurement: &Measurement, svg: &str) -> String {
     page.into_string()
 }
 
-fn row(point: &PointResult, columns: &[&Axis]) -> Markup {
+fn row(measurement: &Measurement, point: &PointResult, columns: &[&Axis]) -> Markup {
     let is_ok = point.status == Some(PointStatus::Ok);
     let status = point.status.map_or("not run".to_owned(), |s| s.to_string());
     let command = point.runs.first().map(|run| run.command.join(" "));
@@ -80,7 +80,9 @@ fn row(point: &PointResult, columns: &[&Axis]) -> Markup {
         tr {
             td title=(command.unwrap_or_default()) { (point.name) }
             td.bad[!is_ok] title=(point.reason()) { (status) }
-            td class=(point.front) { (point.front) }
+            td class=(point.front) title=(measurement.no_candidate(point).unwrap_or_default()) {
+                @if measurement.no_candidate(point).is_some() { "no candidate" } @else { (point.front) }
+            }
             @for column in columns { (cell(point.median(column.key))) }
             (cell(Some(mean(&|run| run.cost.core_s()))))
             (cell(Some(mean(&|run| 100.0 * run.cost.steal_fraction))))
@@ -100,30 +102,6 @@ fn cell(value: Option<f64>) -> Markup {
     }
 }
 
-/// Four digits, or all in front of the point.
-fn digits(value: f64) -> String {
-    let before = value.abs().max(1e-9).log10().floor() as i32 + 1;
-    let behind = usize::try_from((4 - before).clamp(0, 6)).unwrap_or(0);
-    format!("{value:.behind$}")
-}
-
 fn short(hash: &str) -> &str {
     hash.get(..12).unwrap_or(hash)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn figures_have_four_digits() {
-        for (value, text) in [
-            (123_456.7, "123457"),
-            (12.345_6, "12.35"),
-            (0.012_345, "0.01235"),
-            (0.0, "0.000000"),
-        ] {
-            assert_eq!(digits(value), text);
-        }
-    }
 }

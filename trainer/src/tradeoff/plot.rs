@@ -4,19 +4,17 @@ use std::fmt::Write as _;
 
 use super::child::PointStatus;
 use super::front::OnFront;
-use super::result::{Measurement, PointResult};
+use super::result::{Measurement, PointResult, digits};
 use super::subject::DEFAULT_POINT;
 
 const WIDTH: f64 = 960.0;
-const HEIGHT: f64 = 640.0;
+const HEIGHT: f64 = 660.0;
 const LEFT: f64 = 90.0;
 const RIGHT: f64 = 170.0;
-const TOP: f64 = 70.0;
+const TOP: f64 = 84.0;
 const BOTTOM: f64 = 120.0;
 /// Errors that span less than this factor are drawn on a linear axis.
 const LEAST_LOG_SPAN: f64 = 5.0;
-/// Distance between labels, pixels.
-const LABEL_STEP: f64 = 14.0;
 
 const STYLE: &str = "text{font:12px system-ui,sans-serif;fill:#1d2328}.soft{fill:#5b666f}.grid{stroke:#e4e6e8}.front{fill:none;stroke:#8a4b12;stroke-width:1.5}.run{fill:#b9c0c6}.on{fill:#8a4b12}.off{fill:#5b666f}.hollow{fill:#fbfaf7;stroke:#5b666f;stroke-width:1.5}.cross{stroke:#a3262a;stroke-width:2}.ring{fill:none;stroke:#8a4b12;stroke-width:1.5}.title{font-size:17px;font-weight:600}";
 
@@ -70,9 +68,12 @@ impl Scale {
         if self.is_log {
             let decades = decade(self.low)..=decade(self.high);
             let values = decades.flat_map(|d| [1.0, 2.0, 5.0].map(|m| m * 10_f64.powi(d)));
-            return values
+            let ticks: Vec<f64> = values
                 .filter(|v| *v >= self.low && *v <= self.high)
                 .collect();
+            if ticks.len() >= 3 {
+                return ticks;
+            }
         }
         let rough = (self.high - self.low) / 6.0;
         let power = 10_f64.powi(decade(rough));
@@ -126,7 +127,9 @@ pub(super) fn svg(measurement: &Measurement) -> String {
     );
     let title = format!("{}: {}", subject.name, measurement.beginning.scene);
     text(&mut svg, LEFT, 28.0, "title", &title);
-    text(&mut svg, LEFT, 48.0, "soft", &measurement.sentence());
+    for (line, words) in measurement.sentence().split("; ").enumerate() {
+        text(&mut svg, LEFT, 46.0 + 16.0 * line as f64, "soft", words);
+    }
     axes(&mut svg, &x, &y, measurement);
     front_line(&mut svg, &drawn);
     for point in &measurement.points {
@@ -193,7 +196,7 @@ fn axes(svg: &mut String, x: &Scale, y: &Scale, measurement: &Measurement) {
     let machine = measurement.beginning.machine.to_string();
     text(svg, LEFT, bottom + 62.0, "soft", &machine);
     let run = format!(
-        "{} repetitions, seed {}; dots: runs; large: medians; brown: on the front, ring: the default; crosses at the top: failed; hollow: under 95 % tracked",
+        "{} repetitions, seed {}; dots: runs; large: medians; brown: on the front, ring: the default; crosses at the top: failed; hollow: no candidate",
         measurement.beginning.repetitions, measurement.beginning.seed
     );
     text(svg, LEFT, bottom + 80.0, "soft", &run);
@@ -226,36 +229,9 @@ fn front_line(svg: &mut String, drawn: &[Drawn<'_>]) {
 }
 
 fn markers(svg: &mut String, measurement: &Measurement, drawn: &[Drawn<'_>]) {
-    let mut labels: Vec<(f64, f64)> = Vec::new();
+    let mut taken: Vec<Area> = drawn.iter().map(|place| Area::of_marker(place)).collect();
     for place in drawn {
         let point = place.point;
-        let class = match (measurement.is_hollow(point), point.front) {
-            (true, _) => "hollow",
-            (false, OnFront::No) => "off",
-            (false, OnFront::Sure | OnFront::Maybe) => "on",
-        };
-        let _ = write!(
-            svg,
-            "<circle class=\"{class}\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"5\"><title>{}</title></circle>",
-            place.x,
-            place.y,
-            escaped(&format!(
-                "{}: {:.4} {}, {:.6} {}, on the front: {}",
-                point.name,
-                place.cost,
-                measurement.subject.cost.label,
-                place.error,
-                measurement.subject.error.label,
-                point.front
-            ))
-        );
-        if point.name == DEFAULT_POINT {
-            let (cx, cy) = (place.x, place.y);
-            let _ = write!(
-                svg,
-                "<circle class=\"ring\" cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"9\"/>"
-            );
-        }
         let tracked = measurement
             .subject
             .tracked
@@ -264,26 +240,95 @@ fn markers(svg: &mut String, measurement: &Measurement, drawn: &[Drawn<'_>]) {
             Some(fraction) => format!("{} ({:.0} %)", point.name, 100.0 * fraction),
             None => point.name.clone(),
         };
-        let y = free_height(&labels, place.x, place.y + 4.0);
-        labels.push((place.x, y));
-        text(svg, place.x + 12.0, y, "", &label);
+        let x = place.x + 14.0;
+        let y = free_height(&taken, x, place.y + 4.0, &label);
+        taken.push(Area::of_label(x, y, &label));
+        if (y - place.y - 4.0).abs() > 1.0 {
+            let (x, y) = (x - 3.0, y - 4.0);
+            let _ = write!(
+                svg,
+                "<path class=\"grid\" d=\"M{:.1} {:.1}L{x:.1} {y:.1}\"/>",
+                place.x, place.y
+            );
+        }
+        text(svg, x, y, "", &label);
+    }
+    for place in drawn {
+        marker(svg, measurement, place);
     }
 }
 
-/// The nearest height at which a label does not lie on another.
-fn free_height(labels: &[(f64, f64)], x: f64, wanted: f64) -> f64 {
-    let is_free = |y: f64| {
-        let near = |(other_x, other_y): &(f64, f64)| {
-            (other_x - x).abs() < 150.0 && (other_y - y).abs() < LABEL_STEP
-        };
-        !labels.iter().any(near)
+fn marker(svg: &mut String, measurement: &Measurement, place: &Drawn<'_>) {
+    let point = place.point;
+    let reason = measurement.no_candidate(point);
+    let class = match (reason, point.front) {
+        (Some(_), _) => "hollow",
+        (None, OnFront::No) => "off",
+        (None, OnFront::Sure | OnFront::Maybe) => "on",
     };
-    (0..40_u32)
+    let (cx, cy) = (place.x, place.y);
+    let title = format!(
+        "{}: {} {}, {} {}, on the front: {}{}",
+        point.name,
+        digits(place.cost),
+        measurement.subject.cost.label,
+        digits(place.error),
+        measurement.subject.error.label,
+        point.front,
+        reason.map_or_else(String::new, |reason| format!(" ({reason})"))
+    );
+    let title = escaped(&title);
+    let _ = write!(
+        svg,
+        "<circle class=\"{class}\" cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"5\"><title>{title}</title></circle>"
+    );
+    if point.name == DEFAULT_POINT {
+        let _ = write!(
+            svg,
+            "<circle class=\"ring\" cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"9\"/>"
+        );
+    }
+}
+
+/// A rectangle of the picture that is taken.
+struct Area {
+    x: [f64; 2],
+    y: [f64; 2],
+}
+
+impl Area {
+    fn of_marker(place: &Drawn<'_>) -> Self {
+        Self {
+            x: [place.x - 6.0, place.x + 6.0],
+            y: [place.y - 6.0, place.y + 6.0],
+        }
+    }
+
+    /// The font's letters are about 6.5 pixels wide.
+    fn of_label(x: f64, y: f64, label: &str) -> Self {
+        Self {
+            x: [x, x + 6.5 * label.chars().count() as f64],
+            y: [y - 10.0, y + 3.0],
+        }
+    }
+
+    fn meets(&self, other: &Self) -> bool {
+        let meets = |a: [f64; 2], b: [f64; 2]| a[0] < b[1] && b[0] < a[1];
+        meets(self.x, other.x) && meets(self.y, other.y)
+    }
+}
+
+/// The height nearest to `wanted` at which a label lies on nothing.
+fn free_height(taken: &[Area], x: f64, wanted: f64, label: &str) -> f64 {
+    (0..120_u32)
         .map(|k| {
-            let step = f64::from(k.div_ceil(2)) * 0.5 * LABEL_STEP;
+            let step = f64::from(k.div_ceil(2)) * 4.0;
             wanted + if k % 2 == 0 { step } else { -step }
         })
-        .find(|y| is_free(*y))
+        .find(|y| {
+            let area = Area::of_label(x, *y, label);
+            !taken.iter().any(|other| other.meets(&area))
+        })
         .unwrap_or(wanted)
 }
 
@@ -359,9 +404,13 @@ mod tests {
 
     #[test]
     fn labels_make_way_for_each_other() {
-        let labels = [(100.0, 50.0), (110.0, 64.0)];
-        let y = free_height(&labels, 105.0, 52.0);
-        assert!(labels.iter().all(|label| (label.1 - y).abs() >= LABEL_STEP));
-        assert_eq!(free_height(&labels, 400.0, 52.0), 52.0);
+        let taken = [
+            Area::of_label(100.0, 50.0, "first"),
+            Area::of_label(110.0, 64.0, "second"),
+        ];
+        let y = free_height(&taken, 105.0, 52.0, "third");
+        let area = Area::of_label(105.0, y, "third");
+        assert!(!taken.iter().any(|other| other.meets(&area)));
+        assert_eq!(free_height(&taken, 400.0, 52.0, "far"), 52.0);
     }
 }

@@ -96,9 +96,10 @@ impl Measurement {
         Some((cost, error))
     }
 
-    /// Whether too few frames were tracked for the point to count.
-    pub fn is_hollow(&self, point: &PointResult) -> bool {
-        is_hollow(&self.subject, point)
+    /// Why a point is no candidate for the front, though it was measured: what the subject says, or too few
+    /// frames tracked.
+    pub fn no_candidate(&self, point: &PointResult) -> Option<&'static str> {
+        no_candidate(&self.subject, point)
     }
 
     /// Points that have no run of a repetition.
@@ -133,8 +134,10 @@ impl Measurement {
             None => "no point of the front errs 1 % less".to_owned(),
         };
         format!(
-            "default: {:.3} {cost}, {:.4} {error}, on the front: {}; {going_on}",
-            place.0, place.1, default.front
+            "default: {} {cost}, {} {error}, on the front: {}; {going_on}",
+            digits(place.0),
+            digits(place.1),
+            default.front
         )
     }
 }
@@ -154,16 +157,19 @@ impl PointResult {
     }
 }
 
-fn is_hollow(subject: &Subject, point: &PointResult) -> bool {
-    subject
-        .tracked
-        .and_then(|key| point.median(key))
-        .is_some_and(|fraction| fraction < LEAST_TRACKED)
+fn no_candidate(subject: &Subject, point: &PointResult) -> Option<&'static str> {
+    let named = subject.no_candidates.iter();
+    let mut named = named.filter(|(name, _)| *name == point.name);
+    if let Some((_, reason)) = named.next() {
+        return Some(reason);
+    }
+    let tracked = subject.tracked.and_then(|key| point.median(key))?;
+    (tracked < LEAST_TRACKED).then_some("fewer than 95 % of the frames were tracked")
 }
 
-/// What the front is told of a point: nothing where it failed or lost its way.
+/// What the front is told of a point: nothing where it failed or is no candidate.
 fn candidate(subject: &Subject, point: &PointResult) -> Candidate {
-    if point.status != Some(PointStatus::Ok) || is_hollow(subject, point) {
+    if point.status != Some(PointStatus::Ok) || no_candidate(subject, point).is_some() {
         return Candidate {
             costs: Vec::new(),
             blocks: Vec::new(),
@@ -179,5 +185,29 @@ fn candidate(subject: &Subject, point: &PointResult) -> Candidate {
     Candidate {
         costs: costs.collect(),
         blocks: (0..block_count.unwrap_or(0)).map(block).collect(),
+    }
+}
+
+/// Four digits, or all in front of the point.
+pub(super) fn digits(value: f64) -> String {
+    let before = value.abs().max(1e-9).log10().floor() as i32 + 1;
+    let behind = usize::try_from((4 - before).clamp(0, 6)).unwrap_or(0);
+    format!("{value:.behind$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_have_four_digits() {
+        for (value, text) in [
+            (123_456.7, "123457"),
+            (12.345_6, "12.35"),
+            (0.012_345, "0.01235"),
+            (0.0, "0.000000"),
+        ] {
+            assert_eq!(digits(value), text);
+        }
     }
 }

@@ -28,6 +28,7 @@ const SUBJECT: Subject = Subject {
         label: "error",
     },
     beside: &[],
+    no_candidates: &[],
     tracked: Some("tracked_fraction"),
 };
 

@@ -16,14 +16,15 @@ fn glint(arguments: &[&str]) -> Output {
         .expect("the program starts")
 }
 
-fn refused(arguments: &[&str]) -> String {
+/// What the program says when it refuses.
+pub(crate) fn refused(arguments: &[&str]) -> String {
     let output = glint(arguments);
     assert_eq!(output.status.code(), Some(2), "{arguments:?}");
     String::from_utf8(output.stderr).unwrap()
 }
 
 /// A square of two triangles, 2 m in front of the first pose, as text.
-fn write_square(path: &Path, z: f64) {
+pub(crate) fn write_square(path: &Path, z: f64) {
     let text = format!(
         "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n-1 -1 {z}\n1 -1 {z}\n1 1 {z}\n-1 1 {z}\n3 0 1 2\n3 0 2 3\n"
     );

@@ -297,11 +297,20 @@ pub(crate) fn code(linear: f32) -> u8 {
 
 /// Writes frames with poses as a recording whose last quarter is held out.
 pub(crate) fn write(path: &Path, frames: &[Frame], poses: &[Pose]) {
-    write_as(path, frames, poses, ColorEncoding::Rgb8);
+    write_sets_as(path, frames, &[("source", poses)], ColorEncoding::Rgb8);
 }
 
 /// The same from a camera that sends colour in another encoding (but JPEG).
 pub(crate) fn write_as(path: &Path, frames: &[Frame], poses: &[Pose], encoding: ColorEncoding) {
+    write_sets_as(path, frames, &[("source", poses)], encoding);
+}
+
+/// The same with several pose sets.
+pub(crate) fn write_sets(path: &Path, frames: &[Frame], sets: &[(&str, &[Pose])]) {
+    write_sets_as(path, frames, sets, ColorEncoding::Rgb8);
+}
+
+fn write_sets_as(path: &Path, frames: &[Frame], sets: &[(&str, &[Pose])], encoding: ColorEncoding) {
     let streams = streams_as(encoding);
     let description = Description {
         writer: "studio".to_owned(),
@@ -331,14 +340,14 @@ pub(crate) fn write_as(path: &Path, frames: &[Frame], poses: &[Pose], encoding: 
         writer.write_frame(COLOR_STREAM, &times, payload).unwrap();
         writer.seal_if_due(frame.time_nanos).unwrap();
     }
-    let set = writer
-        .begin_poses("source", "studio", DEPTH_STREAM)
-        .unwrap();
-    let stored: Vec<FramePose> = (0..)
-        .zip(poses)
-        .map(|(number, pose)| FramePose::ok(number, *pose))
-        .collect();
-    writer.write_poses(set, &stored).unwrap();
+    for (name, poses) in sets {
+        let set = writer.begin_poses(name, "studio", DEPTH_STREAM).unwrap();
+        let stored: Vec<FramePose> = (0..)
+            .zip(*poses)
+            .map(|(number, pose)| FramePose::ok(number, *pose))
+            .collect();
+        writer.write_poses(set, &stored).unwrap();
+    }
     let first_test = FRAME_COUNT * 3 / 4;
     writer
         .write_split(&Split {

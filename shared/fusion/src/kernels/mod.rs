@@ -1,7 +1,9 @@
 //! Vectorised inner loops with a scalar specification each. The only place with `unsafe`.
 
+pub(crate) mod field;
 pub mod icp;
 pub mod integrate;
+pub(crate) mod prefetch;
 
 /// Which instructions a kernel uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -16,8 +16,8 @@ use crate::error::LiveError;
 use crate::model_view::ModelView;
 use crate::tracking::points::half_camera;
 use crate::tracking::{
-    Alignment, GreyFrame, Icp, IcpInput, Keyframes, Motion, Photometric, PointPyramid,
-    Thumbnail, TrackState, thumbnail,
+    Alignment, GreyFrame, Icp, IcpInput, Keyframes, Motion, Photometric, PointPyramid, Thumbnail,
+    TrackState, thumbnail,
 };
 use crate::volume::{IntegrateStats, Volume};
 
@@ -95,7 +95,11 @@ impl LiveFusion {
             .map_or(rig.depth_camera, |level| level.camera);
         let depth_camera = &rig.depth_camera;
         let registration = match &rig.color_camera {
-            Some(color) => Some(Registration::new(depth_camera, color, &rig.color_from_depth)?),
+            Some(color) => Some(Registration::new(
+                depth_camera,
+                color,
+                &rig.color_from_depth,
+            )?),
             None => None,
         };
         let grey = rig
@@ -159,16 +163,15 @@ impl LiveFusion {
         std::mem::swap(&mut self.now, &mut self.before);
         let image = self.grey.as_ref().filter(|_| self.has_grey);
         let image = image.and_then(|grey| grey.levels.get(1).or(grey.levels.first()));
-        self.now.load(self.points.depth(), image.map(|(_, image)| image));
+        self.now
+            .load(self.points.depth(), image.map(|(_, image)| image));
     }
 
     /// Finds the camera. Call after the frame was loaded.
     pub fn track(&mut self, time_nanos: i64, effort: Effort) -> Tracked {
-        let is_measured = self
-            .points
-            .levels()
-            .first()
-            .is_some_and(|level| level.points.measured_count() as f64 >= self.config.gates.least_inliers);
+        let is_measured = self.points.levels().first().is_some_and(|level| {
+            level.points.measured_count() as f64 >= self.config.gates.least_inliers
+        });
         self.tracked.is_relocalised = false;
         if !is_measured {
             return self.lose(time_nanos);
@@ -223,21 +226,29 @@ impl LiveFusion {
         Ok(Some(stats))
     }
 
-    /// One line about the last alignment.
-    pub fn diagnosis(&self) -> String {
-        self.last.map_or_else(String::new, |a| {
-            let v = a.solution.eigen.values;
-            format!(
-                "points {} met {} pairs {} inliers {} cost {:.3} rank {} eig {:.1e} {:.1e} {:.1e} photo {:?}",
-                a.point_count, a.sums.met_count, a.sums.pair_count, a.sums.inlier_count, a.cost, a.solution.rank,
-                v[3] / v[0], v[4] / v[0], v[5] / v[0], a.photometric
-            )
-        })
+    /// The last alignment that was tried, whether it was believed or not.
+    pub fn last_alignment(&self) -> Option<&Alignment> {
+        self.last.as_ref()
+    }
+
+    /// Bytes that all maps hold; [`crate::VolumeConfig::memory_limit_bytes`] bounds them together.
+    pub fn memory_bytes(&self) -> usize {
+        self.maps.iter().map(|map| map.volume.memory_bytes()).sum()
+    }
+
+    /// What the model looked like for the last alignment.
+    pub fn view(&self) -> &ModelView {
+        &self.view
     }
 
     /// The surface of the map at hand.
     pub fn volume(&self) -> &Volume {
         &self.maps[self.map].volume
+    }
+
+    /// The surface of the map with this id, as [`Tracked::map`] names it.
+    pub fn map_volume(&self, map: u32) -> Option<&Volume> {
+        self.maps.get(map as usize).map(|map| &map.volume)
     }
 
     fn follow(&mut self, time_nanos: i64, effort: Effort) -> Tracked {
@@ -273,7 +284,9 @@ impl LiveFusion {
         for start in starts.into_iter().flatten() {
             let found = self.icp.align(input, &mut self.photometric, start, 0..1);
             if let Some(found) = found
-                && best.as_ref().is_none_or(|best| found.cost < 0.98 * best.cost)
+                && best
+                    .as_ref()
+                    .is_none_or(|best| found.cost < 0.98 * best.cost)
             {
                 best = Some(found);
             }
@@ -309,7 +322,8 @@ impl LiveFusion {
     }
 
     fn predict(&mut self, world_from_camera: &Pose, effort: Effort) {
-        let level = usize::from(effort.coarse_view).min(self.points.levels().len() - 1);
+        let level = self.config.view_level + usize::from(effort.coarse_view);
+        let level = level.min(self.points.levels().len() - 1);
         let camera: Intrinsics = self.points.levels()[level].camera;
         self.maps[self.map]
             .volume

@@ -48,12 +48,16 @@ impl Mesh {
                 self.positions[kept] = self.positions[vertex];
                 self.normals[kept] = self.normals[vertex];
                 self.weights[kept] = self.weights[vertex];
+                if !self.radiance.is_empty() {
+                    self.radiance[kept] = self.radiance[vertex];
+                }
                 kept += 1;
             }
         }
         self.positions.truncate(kept);
         self.normals.truncate(kept);
         self.weights.truncate(kept);
+        self.radiance.truncate(kept);
         let before = self.triangles.len();
         self.triangles.retain_mut(|triangle| {
             *triangle = triangle.map(|vertex| renumbered[vertex as usize]);

@@ -52,6 +52,8 @@ struct Vertex {
     position: Vec3,
     normal: Vec3,
     weight: f32,
+    /// 0 without colour.
+    radiance: [f32; 3],
 }
 
 impl BlockSurface {
@@ -99,6 +101,11 @@ pub fn extract_mesh(volume: &Volume, config: &MeshConfig) -> Mesh {
         positions: vertices().map(|v| v.position).collect(),
         normals: vertices().map(|v| v.normal).collect(),
         weights: vertices().map(|v| v.weight).collect(),
+        radiance: if volume.has_color() {
+            vertices().map(|v| v.radiance).collect()
+        } else {
+            Vec::new()
+        },
         triangles: triangles.concat(),
         origin: volume.config().origin,
     };
@@ -247,6 +254,31 @@ fn vertex(halo: &Halo, voxel: [i32; 3], axis: usize, block: [i32; 3], volume: &V
             unit_or_zero(gradient)
         },
         weight: halo.weight[from] + (halo.weight[to] - halo.weight[from]) * share,
+        radiance: edge_radiance(volume, block, voxel, end, share),
+    }
+}
+
+/// Radiance at `share` of the way between two voxels (relative to `block`): that of the one where the other has
+/// none, 0 where neither has.
+fn edge_radiance(
+    volume: &Volume,
+    block: [i32; 3],
+    from: [i32; 3],
+    to: [i32; 3],
+    share: f32,
+) -> [f32; 3] {
+    if !volume.has_color() {
+        return [0.0; 3];
+    }
+    let radiance = |voxel: [i32; 3]| {
+        let edge = BLOCK_EDGE as i32;
+        let at = volume.voxel_radiance(std::array::from_fn(|n| edge * block[n] + voxel[n]));
+        at.map(|(radiance, _)| radiance)
+    };
+    match (radiance(from), radiance(to)) {
+        (Some(a), Some(b)) => std::array::from_fn(|n| a[n] + (b[n] - a[n]) * share),
+        (Some(one), None) | (None, Some(one)) => one,
+        (None, None) => [0.0; 3],
     }
 }
 

@@ -12,7 +12,7 @@ use geometry::{DVec3, Vec3};
 pub use self::components::{components, remove_small_components};
 pub use self::extract::{MeshConfig, extract_mesh};
 
-/// A triangle mesh. The per-vertex arrays have equal length.
+/// A triangle mesh. The per-vertex arrays have equal length, but `radiance` may be empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Vertex positions relative to `origin`, world axes, metres.
@@ -21,6 +21,9 @@ pub struct Mesh {
     pub normals: Vec<Vec3>,
     /// TSDF weight at each vertex.
     pub weights: Vec<f32>,
+    /// Linear radiance at each vertex, 1.0 = white level, 0 where none was seen; empty without colour in the
+    /// volume.
+    pub radiance: Vec<[f32; 3]>,
     /// Vertex indices, counter-clockwise seen from free space.
     pub triangles: Vec<[u32; 3]>,
     /// World position that `positions` count from, metres.

@@ -25,16 +25,15 @@ impl NormalEquations {
     pub fn from_triangle(triangle: &[f64; 21], gradient: &[f64; 6], radius: f64) -> Self {
         let scale = |axis: usize| if axis < 3 { 1.0 / radius } else { 1.0 };
         let mut equations = Self::ZERO;
-        let mut place = 0;
+        let mut entries = triangle.iter();
         for row in 0..6 {
-            for column in row..6 {
-                let entry = triangle[place] * scale(row) * scale(column);
-                equations.hessian[row][column] = entry;
-                equations.hessian[column][row] = entry;
-                place += 1;
+            for (column, entry) in (row..6).zip(&mut entries) {
+                let scaled = entry * scale(row) * scale(column);
+                equations.hessian[row][column] = scaled;
+                equations.hessian[column][row] = scaled;
             }
-            equations.gradient[row] = gradient[row] * scale(row);
         }
+        equations.gradient = std::array::from_fn(|row| gradient[row] * scale(row));
         equations
     }
 
@@ -46,7 +45,11 @@ impl NormalEquations {
         let eigen = symmetric_eigen(&self.hessian);
         let largest = eigen.values[0];
         let shares = eigen.values.map(|value| {
-            let ratio = if largest > 0.0 { value.max(0.0) / largest } else { 0.0 };
+            let ratio = if largest > 0.0 {
+                value.max(0.0) / largest
+            } else {
+                0.0
+            };
             (knee / (knee + ratio)).sqrt()
         });
         let blend = from_eigen(&eigen.vectors, &shares);

@@ -21,6 +21,8 @@ pub struct IcpPass {
     pub largest_distance: f32,
     /// Scale of Geman-McClure in standard deviations of the sensor (hard-cases C08).
     pub robust_scale: f32,
+    /// Whether the photograph counts.
+    pub photometric: bool,
 }
 
 /// Settings of the alignment.
@@ -43,13 +45,14 @@ impl Default for IcpConfig {
             iterations,
             largest_distance,
             robust_scale,
+            photometric: level < 2,
         };
         Self {
-            // 20 mm to 6 mm at 1 m, where σ is about 2 mm (hard-cases C08).
+            // 10 mm to 2.5 mm at 1 m, where σ is 1.6 mm (hard-cases C08); wider scales drift more (measured).
             passes: vec![
-                pass(2, 8, 0.15, 12.0),
-                pass(1, 5, 0.08, 6.0),
-                pass(0, 4, 0.05, 3.0),
+                pass(2, 8, 0.15, 6.0),
+                pass(1, 5, 0.08, 3.0),
+                pass(0, 4, 0.05, 1.5),
             ],
             normal_sigma: 0.01,
             photometric_knee: 0.01,
@@ -177,7 +180,7 @@ impl Icp {
                 let mut equations =
                     NormalEquations::from_triangle(&sums.hessian, &sums.gradient, radius);
                 let mut measured = None;
-                if let Some(grey) = input.grey
+                if let Some(grey) = input.grey.filter(|_| pass.photometric)
                     && let Some(term) =
                         photometric.equations(input.view, grey, &pose, center, radius, level)
                 {

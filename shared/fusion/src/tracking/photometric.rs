@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::equations::NormalEquations;
 use crate::model_view::{ModelView, Surfel};
 
-/// Rows of the view in one parallel task. Fixed, so that sums do not depend on threads.
+/// Rows of the view in one parallel task, and in one f32 sum. Fixed, so that sums do not depend on threads.
 const BAND_ROWS: usize = 8;
 /// Unknowns: six of motion, gain, offset.
 const UNKNOWNS: usize = 8;
@@ -27,7 +27,7 @@ const LEAST_COUNT: usize = 200;
 /// Bounds of the spread of residuals, radiance.
 const SIGMA_RANGE: std::ops::RangeInclusive<f32> = 0.004..=0.1;
 /// Share of a photometric equation that is information of its own: residuals of neighbours are alike.
-const INDEPENDENT_SHARE: f64 = 0.1;
+const INDEPENDENT_SHARE: f64 = 0.3;
 
 /// A photograph as luminance, half size and smaller.
 #[derive(Debug)]
@@ -97,7 +97,7 @@ pub struct Photometric {
     gain: f64,
     offset: f64,
     sigma: f32,
-    bands: Vec<Sums>,
+    bands: Vec<Sums<f32>>,
 }
 
 impl Default for Photometric {
@@ -112,15 +112,25 @@ impl Default for Photometric {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Sums {
-    hessian: [[f64; UNKNOWNS]; UNKNOWNS],
-    gradient: [f64; UNKNOWNS],
-    square: f64,
-    absolute: f64,
+struct Sums<T> {
+    hessian: [[T; UNKNOWNS]; UNKNOWNS],
+    gradient: [T; UNKNOWNS],
+    square: T,
+    absolute: T,
     count: usize,
 }
 
-impl Sums {
+impl Sums<f32> {
+    const ZERO: Self = Self {
+        hessian: [[0.0; UNKNOWNS]; UNKNOWNS],
+        gradient: [0.0; UNKNOWNS],
+        square: 0.0,
+        absolute: 0.0,
+        count: 0,
+    };
+}
+
+impl Sums<f64> {
     const ZERO: Self = Self {
         hessian: [[0.0; UNKNOWNS]; UNKNOWNS],
         gradient: [0.0; UNKNOWNS],
@@ -129,17 +139,17 @@ impl Sums {
         count: 0,
     };
 
-    fn add(&mut self, other: &Self) {
+    fn add(&mut self, other: &Sums<f32>) {
         for (row, values) in self.hessian.iter_mut().zip(&other.hessian) {
             for (sum, value) in row.iter_mut().zip(values) {
-                *sum += value;
+                *sum += f64::from(*value);
             }
         }
         for (sum, value) in self.gradient.iter_mut().zip(&other.gradient) {
-            *sum += value;
+            *sum += f64::from(*value);
         }
-        self.square += other.square;
-        self.absolute += other.absolute;
+        self.square += f64::from(other.square);
+        self.absolute += f64::from(other.absolute);
         self.count += other.count;
     }
 }
@@ -188,29 +198,34 @@ impl Photometric {
             sigma: self.sigma,
         };
         let width = view.camera.width() as usize;
+        // Fewer in smaller sizes of the photograph: neighbours say the same.
         let stride = 1 << level;
         let height = view.camera.height() as usize;
-        self.bands.resize(height.div_ceil(BAND_ROWS), Sums::ZERO);
-        self.bands.par_iter_mut().enumerate().for_each(|(band, sums)| {
-            *sums = Sums::ZERO;
-            for line in band * BAND_ROWS..((band + 1) * BAND_ROWS).min(height) {
-                if line % stride == 0 {
-                    let row = &view.surfels[line * width..(line + 1) * width];
-                    for surfel in row.iter().step_by(stride) {
-                        sum_surfel(surfel, &geometry, sums);
+        self.bands
+            .resize(height.div_ceil(BAND_ROWS), Sums::<f32>::ZERO);
+        self.bands
+            .par_iter_mut()
+            .enumerate()
+            .for_each(|(band, sums)| {
+                *sums = Sums::<f32>::ZERO;
+                for line in band * BAND_ROWS..((band + 1) * BAND_ROWS).min(height) {
+                    if line % stride == 0 {
+                        let row = &view.surfels[line * width..(line + 1) * width];
+                        for surfel in row.iter().step_by(stride) {
+                            sum_surfel(surfel, &geometry, sums);
+                        }
                     }
                 }
-            }
-        });
-        let mut total = Sums::ZERO;
+            });
+        let mut total = Sums::<f64>::ZERO;
         for band in &self.bands {
             total.add(band);
         }
-        self.finish(&mut total)
+        self.finish(&mut total, level)
     }
 
     /// Eliminates gain and offset, and takes their step and the new spread.
-    fn finish(&mut self, total: &mut Sums) -> Option<PhotometricTerm> {
+    fn finish(&mut self, total: &mut Sums<f64>, level: usize) -> Option<PhotometricTerm> {
         if total.count < LEAST_COUNT {
             return None;
         }
@@ -234,17 +249,15 @@ impl Photometric {
             [-ab / determinant, aa / determinant],
         ];
         let mut equations = NormalEquations::ZERO;
-        let scale = INDEPENDENT_SHARE / variance;
+        let scale = INDEPENDENT_SHARE * f64::from(1 << (2 * level)) / variance;
         for row in 0..6 {
             let coupling = [total.hessian[row][6], total.hessian[row][7]];
-            let reduced: [f64; 2] = std::array::from_fn(|k| {
-                coupling[0] * inverse[0][k] + coupling[1] * inverse[1][k]
-            });
+            let reduced: [f64; 2] =
+                std::array::from_fn(|k| coupling[0] * inverse[0][k] + coupling[1] * inverse[1][k]);
             for column in 0..6 {
                 let other = [total.hessian[column][6], total.hessian[column][7]];
-                let direct = total.hessian[row.min(column)][row.max(column)];
                 equations.hessian[row][column] = scale
-                    * (direct - reduced[0] * other[0] - reduced[1] * other[1]);
+                    * (total.hessian[row][column] - reduced[0] * other[0] - reduced[1] * other[1]);
             }
             equations.gradient[row] = scale
                 * (total.gradient[row]
@@ -257,8 +270,7 @@ impl Photometric {
         self.gain = (self.gain + step[0]).clamp(0.2, 5.0);
         self.offset = (self.offset + step[1]).clamp(-0.5, 0.5);
         // Mean absolute of a normal distribution is 0.8 σ.
-        self.sigma =
-            ((mean_absolute / 0.8) as f32).clamp(*SIGMA_RANGE.start(), *SIGMA_RANGE.end());
+        self.sigma = ((mean_absolute / 0.8) as f32).clamp(*SIGMA_RANGE.start(), *SIGMA_RANGE.end());
         Some(PhotometricTerm {
             equations,
             rms,
@@ -267,7 +279,7 @@ impl Photometric {
     }
 }
 
-fn sum_surfel(surfel: &Surfel, geometry: &Geometry<'_>, sums: &mut Sums) {
+fn sum_surfel(surfel: &Surfel, geometry: &Geometry<'_>, sums: &mut Sums<f32>) {
     if !(surfel.weight > 0.0 && surfel.grey > 0.0) {
         return;
     }
@@ -295,7 +307,10 @@ fn sum_surfel(surfel: &Surfel, geometry: &Geometry<'_>, sums: &mut Sums) {
         (1.345 / (-u_residual).max(1.345)).min(1.0)
     };
     // Derivative of the value by the point in colour axes, then in view axes.
-    let (gu, gv) = (du * geometry.focal[0] * inverse_z, dv * geometry.focal[1] * inverse_z);
+    let (gu, gv) = (
+        du * geometry.focal[0] * inverse_z,
+        dv * geometry.focal[1] * inverse_z,
+    );
     let in_color = [gu, gv, -(gu * c[0] + gv * c[1]) * inverse_z];
     let g: [f32; 3] = std::array::from_fn(|axis| {
         (0..3)
@@ -320,25 +335,27 @@ fn sum_surfel(surfel: &Surfel, geometry: &Geometry<'_>, sums: &mut Sums) {
         -surfel.grey,
         -1.0,
     ];
-    for i in 0..UNKNOWNS {
-        let weighted = weight * row[i];
-        for j in i..UNKNOWNS {
-            sums.hessian[i][j] += f64::from(weighted * row[j]);
+    // The whole square, lower triangle too: rows of eight are registers.
+    for (sum, left) in sums.hessian.iter_mut().zip(row) {
+        let weighted = weight * left;
+        for (sum, right) in sum.iter_mut().zip(row) {
+            *sum += weighted * right;
         }
-        sums.gradient[i] += f64::from(weighted * residual);
     }
-    sums.square += f64::from(weight * residual * residual);
-    sums.absolute += f64::from(residual.abs().min(3.0 * geometry.sigma));
+    let weighted = weight * residual;
+    for (sum, value) in sums.gradient.iter_mut().zip(row) {
+        *sum += weighted * value;
+    }
+    sums.square += weighted * residual;
+    sums.absolute += residual.abs().min(3.0 * geometry.sigma);
     sums.count += 1;
 }
 
 /// Bilinear value and gradient per pixel, where all four pixels are known.
 #[inline]
 fn sampled(image: &Image<f32>, u: f32, v: f32) -> Option<(f32, [f32; 2])> {
-    let inside = u >= 0.0
-        && v >= 0.0
-        && u < image.width() as f32 - 1.0
-        && v < image.height() as f32 - 1.0;
+    let inside =
+        u >= 0.0 && v >= 0.0 && u < image.width() as f32 - 1.0 && v < image.height() as f32 - 1.0;
     if !inside {
         return None;
     }

@@ -127,9 +127,9 @@ impl PointPyramid {
             });
             finer = half;
         }
-        let (width, height) = levels
-            .first()
-            .map_or((0, 0), |level| (level.camera.width(), level.camera.height()));
+        let (width, height) = levels.first().map_or((0, 0), |level| {
+            (level.camera.width(), level.camera.height())
+        });
         Self {
             full: *camera,
             levels,
@@ -219,7 +219,12 @@ struct RowOut<'a> {
     depth: &'a mut [f32],
 }
 
-fn load_finest(depth: &DepthImage, rules: &BlockRules, level: &mut PointLevel, half: &mut DepthImage) {
+fn load_finest(
+    depth: &DepthImage,
+    rules: &BlockRules,
+    level: &mut PointLevel,
+    half: &mut DepthImage,
+) {
     let width = level.camera.width() as usize;
     let band = width * BAND_ROWS;
     let points = &mut level.points;
@@ -268,18 +273,20 @@ fn load_row(top: &[f32], bottom: &[f32], line: u32, rules: &BlockRules, out: Row
             bottom[2 * column],
             bottom[2 * column + 1],
         ];
-        let low = block.iter().fold(f32::INFINITY, |low, &d| if d < low { d } else { low });
-        let high = block.iter().fold(0.0, |high, &d| if d > high { d } else { high });
+        let low = block
+            .iter()
+            .fold(f32::INFINITY, |low, &d| if d < low { d } else { low });
+        let high = block
+            .iter()
+            .fold(0.0, |high, &d| if d > high { d } else { high });
         // NaN fails the second test, where low and high do not show it.
         let sum = block[0] + block[1] + block[2] + block[3];
-        let (right, down, z, count) = if low > 0.0
-            && sum.is_finite()
-            && high - low <= rules.tolerance.at(low)
-        {
-            (block[1] + block[3], block[2] + block[3], sum, 4.0)
-        } else {
-            part_of(block, rules.tolerance)
-        };
+        let (right, down, z, count) =
+            if low > 0.0 && sum.is_finite() && high - low <= rules.tolerance.at(low) {
+                (block[1] + block[3], block[2] + block[3], sum, 4.0)
+            } else {
+                part_of(block, rules.tolerance)
+            };
         if count == 0.0 {
             out.z[column] = f32::NAN;
             out.weight[column] = 0.0;
@@ -313,7 +320,10 @@ fn part_of(block: [f32; 4], tolerance: DepthTolerance) -> (f32, f32, f32, f32) {
 
 /// Every `stride`-th point of the finest size in both directions.
 fn take_every(finest: &PointGrid, width: usize, stride: usize, level: &mut PointLevel) {
-    let (columns, rows) = (level.camera.width() as usize, level.camera.height() as usize);
+    let (columns, rows) = (
+        level.camera.width() as usize,
+        level.camera.height() as usize,
+    );
     let points = &mut level.points;
     points.measured_count = 0;
     for row in 0..rows {

@@ -62,8 +62,11 @@ impl Thumbnail {
                             count += 1.0;
                         }
                     });
-                    self.grey
-                        .push(if count > 0.0 { (sum / count).sqrt() } else { f32::NAN });
+                    self.grey.push(if count > 0.0 {
+                        (sum / count).sqrt()
+                    } else {
+                        f32::NAN
+                    });
                 }
             }
             blur(&mut self.grey, columns as usize);
@@ -94,7 +97,11 @@ impl Thumbnail {
             }
         }
         // 0.1/m of inverse depth is as telling as half a standard deviation of luminance.
-        let grey = if count > 0 { sum / f64::from(count) } else { 0.0 };
+        let grey = if count > 0 {
+            sum / f64::from(count)
+        } else {
+            0.0
+        };
         depth + 0.2 * grey
     }
 }
@@ -250,7 +257,12 @@ fn smooth(values: &mut [f32], stride: usize) {
 }
 
 fn standardise(values: &mut [f32]) {
-    let known = || values.iter().filter(|v| v.is_finite()).map(|&v| f64::from(v));
+    let known = || {
+        values
+            .iter()
+            .filter(|v| v.is_finite())
+            .map(|&v| f64::from(v))
+    };
     let count = known().count();
     if count == 0 {
         return;

@@ -1,15 +1,13 @@
 //! A depth image made ready for fusion: gated, undistorted, with depth bounds per tile.
 
-use geometry::{DVec2, Intrinsics};
-use imaging::LinearPixel;
+use geometry::Intrinsics;
+use imaging::{LinearPixel, Undistortion};
 use rayon::prelude::*;
 
 use crate::kernels::integrate::{BlockView, DepthView, Z_NEAR};
 
 /// Edge of a tile, pixels.
 const TILE: usize = 8;
-/// Source of an ideal pixel that the lens does not see.
-const NO_SOURCE: u32 = u32::MAX;
 
 /// Depth bounds of one tile.
 #[derive(Clone, Copy)]
@@ -37,7 +35,8 @@ pub(super) struct FrameDepth {
     height: usize,
     tiles: Vec<Tile>,
     tile_columns: usize,
-    undistortion: Option<(Intrinsics, Vec<u32>)>,
+    /// `None` while the camera has no distortion.
+    undistortion: Option<Undistortion>,
 }
 
 /// Range of depth that a block's pixels hold.
@@ -71,10 +70,7 @@ impl FrameDepth {
         self.update_undistortion(camera);
 
         let gated = |depth: f32| if gate.contains(&depth) { depth } else { 0.0 };
-        let sources = self
-            .undistortion
-            .as_ref()
-            .map(|(_, sources)| sources.as_slice());
+        let sources = self.undistortion.as_ref().map(Undistortion::sources);
         let width = self.width;
         self.depth
             .par_chunks_mut(width * TILE)
@@ -90,11 +86,8 @@ impl FrameDepth {
                     }
                     Some(sources) => {
                         for (out, &source) in rows.iter_mut().zip(&sources[first..]) {
-                            *out = if source == NO_SOURCE {
-                                0.0
-                            } else {
-                                gated(raw[source as usize])
-                            };
+                            // A source beyond the image is a ray that the lens does not see.
+                            *out = raw.get(source as usize).map_or(0.0, |depth| gated(*depth));
                         }
                     }
                 }
@@ -127,14 +120,11 @@ impl FrameDepth {
 
     /// Bytes held.
     pub(super) fn bytes(&self) -> usize {
-        let sources = self
-            .undistortion
-            .as_ref()
-            .map_or(0, |(_, sources)| sources.capacity());
+        let sources = self.undistortion.as_ref().map_or(0, Undistortion::bytes);
         self.depth.capacity() * size_of::<f32>()
             + self.color.capacity() * size_of::<LinearPixel>()
             + self.tiles.capacity() * size_of::<Tile>()
-            + sources * size_of::<u32>()
+            + sources
     }
 
     /// The frame for the kernel.
@@ -201,9 +191,9 @@ impl FrameDepth {
         } else if self
             .undistortion
             .as_ref()
-            .is_none_or(|(known, _)| known != camera)
+            .is_none_or(|known| known.camera() != camera)
         {
-            self.undistortion = Some((*camera, undistortion_sources(camera)));
+            self.undistortion = Some(Undistortion::new(camera));
         }
     }
 }
@@ -278,19 +268,4 @@ fn bound_full_tile(rows: &[f32], width: usize, from: usize) -> Tile {
         },
         is_full: least.into_iter().fold(f32::INFINITY, f32::min) > 0.0,
     }
-}
-
-/// For each pixel of the ideal pinhole, the index of the real pixel that sees the same ray.
-fn undistortion_sources(camera: &Intrinsics) -> Vec<u32> {
-    let (width, height) = (camera.width(), camera.height());
-    let (focal, center) = (camera.focal(), camera.center());
-    let source = |x: u32, y: u32| {
-        let ideal = (DVec2::new(f64::from(x), f64::from(y)) - center) / focal;
-        let pixel = camera.pixel_from_camera(ideal.extend(1.0))?;
-        let (column, line) = camera.contains(pixel)?;
-        Some(line * width + column)
-    };
-    (0..height)
-        .flat_map(|y| (0..width).map(move |x| source(x, y).unwrap_or(NO_SOURCE)))
-        .collect()
 }

@@ -9,6 +9,7 @@ mod blocks;
 mod config;
 mod depth;
 pub mod key;
+mod march;
 mod predict;
 mod projection;
 mod ranges;
@@ -118,6 +119,11 @@ impl Volume {
     /// [`VolumeConfig::memory_limit_bytes`] bounds it.
     pub fn memory_bytes(&self) -> usize {
         self.store.bytes() + self.buffer_bytes()
+    }
+
+    /// Sets [`VolumeConfig::memory_limit_bytes`] anew; what is there stays.
+    pub fn set_memory_limit(&mut self, bytes: usize) {
+        self.config.memory_limit_bytes = bytes;
     }
 
     /// Fuses one depth image.

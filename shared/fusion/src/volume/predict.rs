@@ -5,43 +5,29 @@ use glam::{Mat3A, Vec3A};
 use rayon::prelude::*;
 
 use super::Volume;
-use super::allocate::whole_below;
-use super::key::{BLOCK_EDGE, BLOCK_SHIFT};
+use super::key::BLOCK_EDGE;
+use super::march::{Approach, Corrected, MOST_CORRECTIONS, March, Ray, Turn, Walk};
 use super::ranges::{TILE, Tiles};
-use super::sampler::{FieldSample, Sampler};
+use super::sampler::Sampler;
+use crate::kernels::field::{FieldSample, Neighbourhood};
 use crate::model_view::{DepthRange, ModelView, Surfel};
 
 #[cfg(test)]
 mod tests;
 
-/// Share of the distance that the field promises which a step uses (hard-cases D16).
-const STEP_SHARE: f32 = 0.8;
-/// Shortest step, in voxels.
-const SHORTEST_STEP: f32 = 0.7;
-/// Voxels by which a crossing may lie outside its two samples, which are those of the nearest voxels: off by
-/// up to 0.87 voxels across the surface, so by five times that along a ray that meets it at 10 degrees.
-const CROSSING_SLACK: f32 = 4.0;
-/// Correction, in voxels, below which the next one would not show.
-const SMALL_CORRECTION: f32 = 0.25;
-/// Most corrections of a crossing.
-const MOST_CORRECTIONS: usize = 4;
-/// Slope, in truncations per voxel times truncation voxels, below which it says nothing (D15).
-const LEAST_GRADIENT: f32 = 1e-3;
-
-/// Lengths of a march along one ray, metres of z.
-#[derive(Clone, Copy)]
-struct March {
-    /// Distance that a value of 1 promises.
-    truncation: f32,
-    /// The same in voxels.
-    truncation_voxels: f32,
-    /// Depths that the volume takes.
-    gate: [f32; 2],
-    /// Where the tile's rays start and end.
-    nearest: f32,
-    farthest: f32,
-    min_weight: f32,
-}
+/// Rows of tiles of one parallel task. Each pixel is computed by itself, so tasks do not show in the result.
+const BAND_TILES: usize = 8;
+/// Every so many columns and rows a pixel is marched; those between start from them.
+const COARSEST: usize = 4;
+/// The finer grids, each from the one before.
+const GRIDS: [usize; 2] = [2, 1];
+/// Truncations of room between the nearest that a tile may hold and a surface that is guessed in it: with more,
+/// something narrow may stand before it.
+const MOST_FREE: f32 = 2.0;
+/// Most walks that take turns.
+const WALKS: usize = 32;
+/// Columns that are predicted together.
+const STRIP: usize = 16;
 
 /// The camera in voxels from an anchor block: a point at depth z of pixel (x, y) is
 /// `eye + z (forward + x right + y down)`.
@@ -62,28 +48,13 @@ pub(super) struct VoxelRays {
     sides: [Vec3A; 5],
 }
 
-/// One ray: a point at depth z is `eye + z · slope`, in voxels.
-#[derive(Clone, Copy)]
-struct Ray {
-    eye: Vec3A,
-    slope: Vec3A,
-    /// Metres of z per voxel of way.
-    z_per_voxel: f32,
-}
-
-impl Ray {
-    #[inline]
-    fn at(&self, z: f32) -> Vec3A {
-        self.eye + z * self.slope
-    }
-}
-
 impl Volume {
     /// Writes into `view` what `camera`, an ideal pinhole (distortion is ignored), sees of the model from
     /// `world_from_camera`, within the depths that [`super::VolumeConfig`] gates.
     ///
     /// A surface is the first change from observed free space to behind a surface whose eight voxels have at
-    /// least [`ModelView::min_weight`]; backs of surfaces and the ends of the band show nothing. Allocates
+    /// least [`ModelView::min_weight`]; backs of surfaces and the ends of the band show nothing. What is narrower
+    /// than two pixels may be missed in front of a surface. Allocates
     /// nothing once the view has its size; the same bits for any number of threads.
     pub fn predict(&self, camera: &Intrinsics, world_from_camera: &Pose, view: &mut ModelView) {
         view.reset(camera, world_from_camera);
@@ -102,21 +73,19 @@ impl Volume {
 
         let min_weight = view.min_weight.max(f32::MIN_POSITIVE);
         view.surfels
-            .par_chunks_mut(width * TILE)
-            .zip(view.ranges.par_chunks(tile_columns))
+            .par_chunks_mut(width * TILE * BAND_TILES)
+            .zip(view.ranges.par_chunks(tile_columns * BAND_TILES))
             .enumerate()
-            .for_each(|(line, (surfels, ranges))| {
+            .for_each(|(number, (surfels, ranges))| {
                 let mut band = Band {
                     sampler: Sampler::new(self, rays.anchor),
                     rays: &rays,
                     march: self.march(min_weight),
-                    first_row: line * TILE,
+                    first_row: number * TILE * BAND_TILES,
                     width,
                     has_color: self.has_color(),
                 };
-                for (column, range) in ranges.iter().enumerate() {
-                    band.predict_tile(column * TILE, range, surfels);
-                }
+                band.predict(ranges, surfels);
             });
     }
 
@@ -125,18 +94,14 @@ impl Volume {
         March {
             truncation: self.config.truncation(),
             truncation_voxels: self.config.truncation_voxels,
-            gate: [
-                self.config.min_depth,
-                self.config.max_depth + self.config.truncation(),
-            ],
-            nearest: 0.0,
-            farthest: 0.0,
+            nearest: self.config.min_depth,
+            farthest: self.config.max_depth + self.config.truncation(),
             min_weight,
         }
     }
 }
 
-/// A row of tiles.
+/// A few rows of tiles.
 struct Band<'a> {
     sampler: Sampler<'a>,
     rays: &'a VoxelRays,
@@ -146,115 +111,253 @@ struct Band<'a> {
     has_color: bool,
 }
 
-impl Band<'_> {
-    /// Predicts the pixels of the tile from column `first`; `surfels` are the rows of the band.
-    fn predict_tile(&mut self, first: usize, range: &DepthRange, surfels: &mut [Surfel]) {
-        let last = (first + TILE).min(self.width);
-        self.march.nearest = range.nearest.max(self.march.gate[0]);
-        self.march.farthest = range.farthest.min(self.march.gate[1]);
-        for (row, surfels) in surfels.chunks_exact_mut(self.width).enumerate() {
-            let y = self.first_row + row;
-            let start = self.rays.forward + y as f32 * self.rays.down;
-            for (x, surfel) in (first..last).zip(&mut surfels[first..last]) {
-                let ray = Ray::new(self.rays.eye, start + x as f32 * self.rays.right);
-                *surfel = Surfel::NONE;
-                if let Some((z, sample)) = first_surface(&mut self.sampler, &ray, &self.march) {
-                    *surfel = self.rays.surfel(x, y, z, &sample);
-                    if self.has_color {
-                        surfel.grey = self.sampler.luminance(ray.at(z));
-                    }
+impl<'a> Band<'a> {
+    /// Predicts the band's pixels.
+    ///
+    /// Strip by strip, so that the sampler meets the same blocks again; pixels look at the first column of the
+    /// strip behind, so each finer grid follows a strip later.
+    fn predict(&mut self, ranges: &[DepthRange], surfels: &mut [Surfel]) {
+        let strip_count = self.width.div_ceil(STRIP);
+        for strip in 0..strip_count + GRIDS.len() {
+            if strip < strip_count {
+                self.march_strip(strip * STRIP, ranges, surfels);
+            }
+            for (lag, &grid) in (1..).zip(&GRIDS) {
+                if let Some(behind) = strip.checked_sub(lag).filter(|&s| s < strip_count) {
+                    self.fill_strip(behind * STRIP, grid, ranges, surfels);
                 }
             }
         }
     }
-}
 
-impl Ray {
-    fn new(eye: Vec3A, slope: Vec3A) -> Self {
-        Self {
-            eye,
-            slope,
-            z_per_voxel: slope.length_recip(),
-        }
-    }
-}
-
-/// Depth and field of the first crossing from free space to behind a surface.
-fn first_surface(
-    sampler: &mut Sampler<'_>,
-    ray: &Ray,
-    march: &March,
-) -> Option<(f32, FieldSample)> {
-    let shortest = SHORTEST_STEP * ray.z_per_voxel;
-    let mut z = march.nearest;
-    // Depth and value of the sample before, where it lies in front of a surface.
-    let mut before: Option<(f32, f32)> = None;
-    while z < march.farthest {
-        // The nearest voxel: half a voxel off at most, and the crossing is refined.
-        let point = ray.at(z) + 0.5;
-        let voxel = whole_below(point);
-        let Some(block) = sampler.block(voxel.map(|v| v >> BLOCK_SHIFT)) else {
-            before = None;
-            z += (way_out_of_block(point, ray) * ray.z_per_voxel).max(shortest);
-            continue;
-        };
-        let [x, y, place_z] = voxel.map(|v| v as usize % BLOCK_EDGE);
-        let tsdf = block.tsdf[x | y << BLOCK_SHIFT | place_z << (2 * BLOCK_SHIFT)];
-        if tsdf.is_sign_negative() {
-            if let Some(before) = before
-                && let Some(found) = refine(sampler, ray, march, before, (z, tsdf))
-            {
-                return Some(found);
+    /// Marches along the rays of the coarsest grid in the strip from column `left`.
+    fn march_strip(&mut self, left: usize, ranges: &[DepthRange], surfels: &mut [Surfel]) {
+        let right = (left + STRIP).min(self.width);
+        let mut walks = Walks::new();
+        for y in (0..surfels.len() / self.width).step_by(COARSEST) {
+            for x in (left..right).step_by(COARSEST) {
+                self.set_off((x, y), ranges, &mut walks, surfels);
             }
-            before = None;
-        } else {
-            before = Some((z, tsdf));
         }
-        z += (STEP_SHARE * march.truncation * tsdf.abs()).max(shortest);
+        self.walk(&mut walks, surfels);
     }
-    None
+
+    /// Adds a walk for a pixel, after all of them when there is no more room.
+    fn set_off(
+        &mut self,
+        pixel: (usize, usize),
+        ranges: &[DepthRange],
+        walks: &mut Walks<'a>,
+        surfels: &mut [Surfel],
+    ) {
+        surfels[pixel.1 * self.width + pixel.0] = Surfel::NONE;
+        let Some(walk) = self.start(pixel, ranges) else {
+            return;
+        };
+        if walks.count == walks.all.len() {
+            self.walk(walks, surfels);
+        }
+        walks.all[walks.count] = Some(walk);
+        walks.count += 1;
+    }
+
+    /// Goes all walks to their ends.
+    ///
+    /// They take turns: each asks for the voxel that it needs next and looks at it a turn later, because a march
+    /// is a chain of reads that each wait for memory.
+    fn walk(&mut self, walks: &mut Walks<'a>, surfels: &mut [Surfel]) {
+        let mut is_walking = walks.count > 0;
+        while is_walking {
+            is_walking = false;
+            for slot in &mut walks.all[..walks.count] {
+                let Some(walk) = slot else { continue };
+                match walk.turn(&mut self.sampler, &self.march) {
+                    Turn::Ahead => is_walking = true,
+                    Turn::Past => *slot = None,
+                    Turn::Surface(z, sample) => {
+                        let (x, y) = walk.pixel;
+                        surfels[y * self.width + x] =
+                            self.surfel(walk.pixel, &walk.ray, z, &sample);
+                        *slot = None;
+                    }
+                }
+            }
+        }
+        walks.count = 0;
+    }
+
+    /// Predicts the pixels of a grid of the strip that are not of the grid twice as coarse: where those around
+    /// one agree, it starts at their depth, else it is marched too.
+    fn fill_strip(
+        &mut self,
+        left: usize,
+        grid: usize,
+        ranges: &[DepthRange],
+        surfels: &mut [Surfel],
+    ) {
+        let right = (left + STRIP).min(self.width);
+        let mut walks = Walks::new();
+        for y in (0..surfels.len() / self.width).step_by(grid) {
+            let is_between = y % (2 * grid) != 0;
+            let (from, step) = if is_between {
+                (left, grid)
+            } else {
+                (left + grid, 2 * grid)
+            };
+            let mut guesses = Guesses::new();
+            for x in (from..right).step_by(step) {
+                match self.guess((x, y), grid, ranges, surfels) {
+                    Some(guess) => guesses.push(x, guess, &mut self.sampler),
+                    None => self.set_off((x, y), ranges, &mut walks, surfels),
+                }
+            }
+            self.refine(y, guesses, ranges, &mut walks, surfels);
+        }
+        self.walk(&mut walks, surfels);
+    }
+
+    /// Follows guesses of row `y` to the surface; those that find none are marched.
+    fn refine(
+        &mut self,
+        y: usize,
+        mut guesses: Guesses<'a>,
+        ranges: &[DepthRange],
+        walks: &mut Walks<'a>,
+        surfels: &mut [Surfel],
+    ) {
+        let mut samples = [FieldSample::NONE; STRIP];
+        for _ in 0..MOST_CORRECTIONS {
+            let count = guesses.count;
+            let points = &guesses.points[..count];
+            self.sampler
+                .sample_all(points, self.march.min_weight, &mut samples);
+            guesses.count = 0;
+            for number in 0..count {
+                let (x, mut approach) = guesses.all[number];
+                match approach.correct(&samples[number], &self.march) {
+                    Corrected::Arrived => {
+                        surfels[y * self.width + x] =
+                            self.surfel((x, y), &approach.ray, approach.z, &samples[number]);
+                    }
+                    Corrected::Ahead => guesses.push(x, approach, &mut self.sampler),
+                    Corrected::Astray => self.set_off((x, y), ranges, walks, surfels),
+                }
+            }
+        }
+        for &(x, _) in &guesses.all[..guesses.count] {
+            self.set_off((x, y), ranges, walks, surfels);
+        }
+    }
+
+    /// Mean depth of the pixels of the coarser grid around one, where all see surface within a truncation and
+    /// no other can lie far in front of it.
+    fn guess(
+        &self,
+        (x, y): (usize, usize),
+        grid: usize,
+        ranges: &[DepthRange],
+        surfels: &[Surfel],
+    ) -> Option<Approach> {
+        // Behind the last pixel of a row or column of the grid, the one before is all there is.
+        let around = |place: usize, size: usize| {
+            let (before, off) = (place / (2 * grid) * (2 * grid), place % (2 * grid));
+            let behind = before + 2 * off;
+            (before, if behind < size { behind } else { before })
+        };
+        let (before_x, behind_x) = around(x, self.width);
+        let (before_y, behind_y) = around(y, surfels.len() / self.width);
+        let corners = [
+            before_y * self.width + before_x,
+            before_y * self.width + behind_x,
+            behind_y * self.width + before_x,
+            behind_y * self.width + behind_x,
+        ];
+        // No surface has depth 0.
+        let depths = corners.map(|corner| surfels[corner].position[2]);
+        let least = depths[0].min(depths[1]).min(depths[2].min(depths[3]));
+        let most = depths[0].max(depths[1]).max(depths[2].max(depths[3]));
+        let reach = self.march.truncation;
+        let z = 0.25 * (depths[0] + depths[1] + (depths[2] + depths[3]));
+        let free = z - self.range((x, y), ranges).nearest;
+        (least > 0.0 && most - least < reach && free < MOST_FREE * reach).then(|| Approach {
+            ray: self.ray((x, y)),
+            z,
+            limits: [z - reach, z + reach],
+        })
+    }
+
+    fn range<'r>(&self, (x, y): (usize, usize), ranges: &'r [DepthRange]) -> &'r DepthRange {
+        &ranges[y / TILE * self.width.div_ceil(TILE) + x / TILE]
+    }
+
+    fn ray(&self, (x, y): (usize, usize)) -> Ray {
+        let row = self.rays.forward + (self.first_row + y) as f32 * self.rays.down;
+        Ray::new(self.rays.eye, row + x as f32 * self.rays.right)
+    }
+
+    /// A walk along a pixel's ray through the range of its tile; `None` without a block on the way.
+    fn start(&mut self, pixel: (usize, usize), ranges: &[DepthRange]) -> Option<Walk<'a>> {
+        let range = self.range(pixel, ranges);
+        let mut walk = Walk::at(self.ray(pixel), pixel);
+        walk.z = range.nearest.max(self.march.nearest);
+        walk.farthest = range.farthest.min(self.march.farthest);
+        walk.seek(&mut self.sampler).then_some(walk)
+    }
+
+    fn surfel(
+        &mut self,
+        (x, y): (usize, usize),
+        ray: &Ray,
+        z: f32,
+        sample: &FieldSample,
+    ) -> Surfel {
+        let mut surfel = self.rays.surfel(x, self.first_row + y, z, sample);
+        if self.has_color {
+            surfel.grey = self.sampler.luminance(ray.at(z));
+        }
+        surfel
+    }
 }
 
-/// Voxels of way from `point` to the border of its block.
-fn way_out_of_block(point: Vec3A, ray: &Ray) -> f32 {
-    let size = BLOCK_EDGE as f32;
-    let within = point - (point / size).floor() * size;
-    let direction = ray.slope * ray.z_per_voxel;
-    let ahead = Vec3A::select(direction.cmpge(Vec3A::ZERO), size - within, within);
-    // Parallel to a side the way is infinite.
-    (ahead / direction.abs()).min_element()
+/// Walks that take turns.
+struct Walks<'a> {
+    all: [Option<Walk<'a>>; WALKS],
+    count: usize,
 }
 
-/// Moves a crossing to the zero of the trilinear field; `None` when it is no surface.
-fn refine(
-    sampler: &mut Sampler<'_>,
-    ray: &Ray,
-    march: &March,
-    (z_before, tsdf_before): (f32, f32),
-    (z_behind, tsdf_behind): (f32, f32),
-) -> Option<(f32, FieldSample)> {
-    let slack = CROSSING_SLACK * ray.z_per_voxel;
-    let (low, high) = (z_before - slack, z_behind + slack);
-    let mut z = z_before + (z_behind - z_before) * tsdf_before / (tsdf_before - tsdf_behind);
-    for _ in 0..MOST_CORRECTIONS {
-        let sample = sampler.sample(ray.at(z), march.min_weight)?;
-        let gradient = sample.gradient;
-        // Change of the value per metre of z: falls where the ray enters a surface.
-        let fall = -gradient.dot(ray.slope);
-        let is_slope = gradient.length() * march.truncation_voxels > LEAST_GRADIENT;
-        if !(fall > 0.0) || !is_slope {
-            return None;
-        }
-        let correction = (sample.tsdf / fall).clamp(-2.0 * ray.z_per_voxel, 2.0 * ray.z_per_voxel);
-        z += correction;
-        if !(z >= low && z <= high) {
-            return None;
-        }
-        if correction.abs() < SMALL_CORRECTION * ray.z_per_voxel {
-            return Some((z, sample));
+impl Walks<'_> {
+    fn new() -> Self {
+        Self {
+            all: [const { None }; WALKS],
+            count: 0,
         }
     }
-    None
+}
+
+/// Guesses of a row of a strip, with their columns and the voxels about them.
+struct Guesses<'a> {
+    all: [(usize, Approach); STRIP],
+    points: [Neighbourhood<'a>; STRIP],
+    count: usize,
+}
+
+impl<'a> Guesses<'a> {
+    fn new() -> Self {
+        Self {
+            all: [(0, Approach::NONE); STRIP],
+            points: [Neighbourhood::NONE; STRIP],
+            count: 0,
+        }
+    }
+
+    /// Adds a guess and asks for its voxels.
+    fn push(&mut self, x: usize, guess: Approach, sampler: &mut Sampler<'a>) {
+        let point = sampler.neighbourhood(guess.ray.at(guess.z));
+        point.fetch();
+        self.all[self.count] = (x, guess);
+        self.points[self.count] = point;
+        self.count += 1;
+    }
 }
 
 impl VoxelRays {

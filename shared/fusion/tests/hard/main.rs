@@ -6,6 +6,7 @@
 //! need the insides of the mesher or of the minimum (D12, D13, D15, G01, G07) stand beside that code.
 
 mod blocks;
+mod color;
 mod far_origin;
 mod gains;
 mod minimum;

@@ -1,5 +1,6 @@
 //! Tracking on surfaces whose answer is known.
 
+mod live;
 mod observability;
 mod photometric;
 mod robustness;

@@ -1,9 +1,9 @@
 //! Which directions are observed (hard-cases C01 to C03, C05).
 
-use fusion::{Level, ModelView};
 use fusion::kernels::icp::{IcpStep, IcpSums, ModelPixels, sum_tile};
 use fusion::tracking::equations::NormalEquations;
 use fusion::tracking::{Alignment, Icp, IcpConfig, IcpInput, Photometric};
+use fusion::{Level, ModelView};
 use geometry::{DVec3, Pose, symmetric_eigen};
 use rand::{RngExt as _, SeedableRng as _};
 
@@ -119,7 +119,9 @@ fn all_over(sample: impl Fn(f64, f64) -> (DVec3, DVec3), sigma: f64) -> NormalEq
         .collect();
     let count = samples.len() as f64;
     let center = samples.iter().map(|(at, _)| *at).sum::<DVec3>() / count;
-    let square = samples.iter().map(|(at, _)| (*at - center).length_squared());
+    let square = samples
+        .iter()
+        .map(|(at, _)| (*at - center).length_squared());
     let radius = (square.sum::<f64>() / count).sqrt();
     let mut triangle = [0.0; 21];
     for (at, normal) in &samples {
@@ -165,7 +167,10 @@ fn hc_c01_the_table_of_surfaces_has_its_ranks() {
             "cone",
             Box::new(move |u, v| {
                 let height = 0.2 * v.sqrt();
-                (around(u) * (0.3 * height) + DVec3::Y * height, around(u) - DVec3::Y * 0.3)
+                (
+                    around(u) * (0.3 * height) + DVec3::Y * height,
+                    around(u) - DVec3::Y * 0.3,
+                )
             }),
             1,
         ),
@@ -200,7 +205,10 @@ fn hc_c01_what_a_surface_shows_is_found() {
         let live = motion(3);
         let found = aligned(surface, &live, 0.0);
         let error = live.inverse() * found.view_from_live;
-        assert!(null != 0 || error.translation().length() < 2e-4, "{error:?}");
+        assert!(
+            null != 0 || error.translation().length() < 2e-4,
+            "{error:?}"
+        );
         // Along the axis of the camera each of them is observed.
         let depth_error = (found.view_from_live.translation() - live.translation()).z;
         assert!(depth_error.abs() < 1e-3, "{depth_error}");
@@ -234,7 +242,11 @@ fn scaled_step(scale: f64, offset: DVec3, centred: bool) -> (NormalEquations, [f
         center: [79.5, 59.5],
     };
     // An origin far from the data is a centre of rotation far from it.
-    let center = if centred { center * scale } else { center * scale - offset };
+    let center = if centred {
+        center * scale
+    } else {
+        center * scale - offset
+    };
     let step = IcpStep {
         rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         translation: [0.0; 3],
@@ -245,9 +257,8 @@ fn scaled_step(scale: f64, offset: DVec3, centred: bool) -> (NormalEquations, [f
     let mut total = IcpSums::ZERO;
     for tile in 0..packed.tile_count() {
         let tile = packed.tile(tile);
-        let scaled = |values: &[f32]| -> Vec<f32> {
-            values.iter().map(|v| v * scale as f32).collect()
-        };
+        let scaled =
+            |values: &[f32]| -> Vec<f32> { values.iter().map(|v| v * scale as f32).collect() };
         let (x, y, z) = (scaled(tile.x), scaled(tile.y), scaled(tile.z));
         let weight = vec![1e4; x.len()];
         let tile = fusion::kernels::icp::PointTile {
@@ -281,8 +292,8 @@ fn hc_c02_decisions_do_not_depend_on_the_unit() {
     for scale in [0.125, 8.0] {
         let (scaled, _) = scaled_step(scale, DVec3::ZERO, true);
         let (raw, _) = scaled_step(scale, DVec3::ZERO, false);
-        for index in 0..6 {
-            worst = worst.max((ratios(&scaled)[index] / expected[index] - 1.0).abs());
+        for (ratio, expected) in ratios(&scaled).iter().zip(&expected) {
+            worst = worst.max((ratio / expected - 1.0).abs());
         }
         // In raw metres the least share moves with the square of the unit.
         naive = naive.min((ratios(&raw)[5] / expected[5] - 1.0).abs());
@@ -292,9 +303,9 @@ fn hc_c02_decisions_do_not_depend_on_the_unit() {
     assert!(worst < 1e-12);
     for scale in [0.1, 10.0] {
         let (scaled, _) = scaled_step(scale, DVec3::ZERO, true);
-        for index in 0..6 {
+        for (ratio, expected) in ratios(&scaled).iter().zip(&expected) {
             // A few points on the border of a pixel are paired otherwise.
-            assert!((ratios(&scaled)[index] / expected[index] - 1.0).abs() < 1e-2);
+            assert!((ratio / expected - 1.0).abs() < 1e-2);
         }
     }
 }

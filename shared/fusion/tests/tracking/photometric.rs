@@ -86,14 +86,8 @@ fn hc_c09_brightness_is_not_motion() {
     let tolerance = 1e-6;
     // A grey wall, 10 % brighter: nothing to hold on to.
     let wall = scene(|_, _| 0.5, &Pose::IDENTITY, 1.1, 0.0);
-    let term = Photometric::default().equations(
-        &wall.view,
-        &wall.grey,
-        &Pose::IDENTITY,
-        DVec3::Z,
-        0.5,
-        0,
-    );
+    let term =
+        Photometric::default().equations(&wall.view, &wall.grey, &Pose::IDENTITY, DVec3::Z, 0.5, 0);
     assert!(term.is_none(), "no gradient, no term");
     let still = found(&wall, &mut Photometric::default());
     let slide = still.translation().truncate().length();
@@ -153,8 +147,20 @@ fn hc_c10_units_do_not_weigh() {
             let shape = [row[0], row[1], 0.1 * row[2], 0.0, 0.0, row[5]];
             let texture = [0.2 * row[3], row[4], row[2], row[3], row[1], 0.0].map(|v| v * 3.0);
             // Jacobians are (unit of residual) per metre of motion.
-            add(&mut geometry, &shape, 0.002 * row[4] * metres, sigma(0.002, metres), 1.0);
-            add(&mut photometry, &texture, 0.02 * row[0] * white, sigma(0.02, white), white / metres);
+            add(
+                &mut geometry,
+                &shape,
+                0.002 * row[4] * metres,
+                sigma(0.002, metres),
+                1.0,
+            );
+            add(
+                &mut photometry,
+                &texture,
+                0.02 * row[0] * white,
+                sigma(0.02, white),
+                white / metres,
+            );
         }
         geometry
             .blend(&photometry, 0.01)
@@ -201,14 +207,8 @@ fn a_highlight_that_wandered_loses_its_weight() {
         let mut photometric = Photometric::default();
         let mut last = None;
         for _ in 0..3 {
-            last = photometric.equations(
-                &scene.view,
-                &scene.grey,
-                &Pose::IDENTITY,
-                DVec3::Z,
-                0.5,
-                0,
-            );
+            last =
+                photometric.equations(&scene.view, &scene.grey, &Pose::IDENTITY, DVec3::Z, 0.5, 0);
         }
         last.expect("texture")
     };

@@ -41,7 +41,10 @@ fn pairs(depth: &DepthImage, view: &ModelView) -> Pairs {
 fn naive_translation(pairs: &Pairs, weigh: impl Fn(usize, &[f64]) -> Vec<f64>) -> DVec3 {
     let mut pose = Pose::IDENTITY;
     for iteration in 0..20 {
-        let moved: Vec<DVec3> = pairs.iter().map(|(q, ..)| pose.transform_point(*q)).collect();
+        let moved: Vec<DVec3> = pairs
+            .iter()
+            .map(|(q, ..)| pose.transform_point(*q))
+            .collect();
         let residuals: Vec<f64> = pairs
             .iter()
             .zip(&moved)
@@ -49,8 +52,11 @@ fn naive_translation(pairs: &Pairs, weigh: impl Fn(usize, &[f64]) -> Vec<f64>) -
             .collect();
         let mut triangle = [0.0; 21];
         let mut gradient = [0.0; 6];
-        for (((q, (_, _, n)), r), w) in
-            moved.iter().zip(pairs).zip(&residuals).zip(weigh(iteration, &residuals))
+        for (((q, (_, _, n)), r), w) in moved
+            .iter()
+            .zip(pairs)
+            .zip(&residuals)
+            .zip(weigh(iteration, &residuals))
         {
             let turn = q.cross(*n);
             let row = [turn.x, turn.y, turn.z, n.x, n.y, n.z];
@@ -101,9 +107,8 @@ fn hc_c04_sums_of_a_whole_frame_keep_their_digits() {
     let columns: Vec<DVec3> = (0..307_200)
         .map(|index| own[index % own.len()].0 + DVec3::splat(random.random_range(-1e-4..1e-4)))
         .collect();
-    let take = |pick: fn(&DVec3) -> f64| -> Vec<f32> {
-        columns.iter().map(|p| pick(p) as f32).collect()
-    };
+    let take =
+        |pick: fn(&DVec3) -> f64| -> Vec<f32> { columns.iter().map(|p| pick(p) as f32).collect() };
     let (x, y, z) = (take(|p| p.x), take(|p| p.y), take(|p| p.z));
     let weight = vec![1e4; columns.len()];
     let model = ModelPixels {
@@ -189,7 +194,11 @@ fn hc_c06_a_handful_of_points_is_no_pose() {
         let known = live.track(0, Effort::default()).world_from_camera;
         live.fuse(&depth, None).expect("a frame");
         let mut few = DepthImage::new(camera.width(), camera.height(), 0.0);
-        for &place in measured.iter().step_by(measured.len() / count.max(1)).take(count) {
+        for &place in measured
+            .iter()
+            .step_by(measured.len() / count.max(1))
+            .take(count)
+        {
             few.pixels_mut()[place] = depth.pixels()[place];
         }
         live.load(&few, false);
@@ -211,7 +220,10 @@ fn hc_c06_a_camera_that_has_seen_nothing_has_not_begun() {
     let mut live = LiveFusion::new(LiveConfig::default(), rig, Pose::IDENTITY).expect("settings");
     live.load(&DepthImage::new(160, 120, 0.0), false);
     assert_eq!(live.track(0, Effort::default()).state, TrackState::Lost);
-    live.load(&shapes::depth(shapes::CORNER, &camera, &Pose::IDENTITY), false);
+    live.load(
+        &shapes::depth(shapes::CORNER, &camera, &Pose::IDENTITY),
+        false,
+    );
     assert_eq!(live.track(1, Effort::default()).state, TrackState::Ok);
 }
 
@@ -237,7 +249,10 @@ fn hc_c07_exact_data_has_a_scale() {
     let found = Icp::new(IcpConfig::default())
         .align(input, &mut Photometric::default(), Pose::IDENTITY, 0..3)
         .expect("there are points");
-    println!("C07: cost {:.1e}, {} of {} pairs agree", found.cost, found.sums.inlier_count, found.sums.pair_count);
+    println!(
+        "C07: cost {:.1e}, {} of {} pairs agree",
+        found.cost, found.sums.inlier_count, found.sums.pair_count
+    );
     assert_eq!(found.sums.inlier_count, found.sums.pair_count);
     assert!(found.cost < 1e-6 && found.sums.hessian.iter().all(|h| h.is_finite()));
 }
@@ -258,7 +273,11 @@ fn hc_c08_a_hand_that_covers_two_fifths_does_not_pull() {
             if z == 0.0 {
                 return 0.0;
             }
-            let hand = if covered[(y / 8 * 20 + x / 8) as usize] { 0.05 } else { 0.0 };
+            let hand = if covered[(y / 8 * 20 + x / 8) as usize] {
+                0.05
+            } else {
+                0.0
+            };
             (z + 0.002 * shapes::normal(&mut random) - hand) as f32
         });
         worst = worst.max(shipped_translation(&depth, &view).length());
@@ -312,7 +331,11 @@ fn hc_c13_grazing_points_do_not_bend_the_pose() {
     let naive = naive_translation(&pairs(&depth, &view), |_, r| vec![1.0; r.len()])
         .z
         .abs();
-    println!("C13: off by {:.2} mm, unweighted {:.2} mm, tolerance 0.2 mm", 1e3 * held, 1e3 * naive);
+    println!(
+        "C13: off by {:.2} mm, unweighted {:.2} mm, tolerance 0.2 mm",
+        1e3 * held,
+        1e3 * naive
+    );
     assert!(naive > 2e-4);
     assert!(held <= 2e-4);
 }

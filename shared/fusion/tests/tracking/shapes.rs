@@ -29,11 +29,12 @@ pub(crate) const TORUS: Distance = |p| {
 pub(crate) const CORNER: Distance = |p| {
     let q = p - DVec3::new(0.0, 0.0, 1.2);
     let walls = [
-        DVec3::new(0.707_106_781, 0.408_248_290, -0.577_350_269),
-        DVec3::new(-0.707_106_781, 0.408_248_290, -0.577_350_269),
-        DVec3::new(0.0, -0.816_496_581, -0.577_350_269),
+        DVec3::new(3.0_f64.sqrt(), 1.0, -2.0_f64.sqrt()),
+        DVec3::new(-(3.0_f64.sqrt()), 1.0, -2.0_f64.sqrt()),
+        DVec3::new(0.0, -2.0, -2.0_f64.sqrt()),
     ];
-    walls.iter().map(|n| n.dot(q)).fold(f64::INFINITY, f64::min)
+    let distance = |wall: &DVec3| wall.normalize().dot(q);
+    walls.iter().map(distance).fold(f64::INFINITY, f64::min)
 };
 
 /// 160 x 120 pixels, 58 degrees wide.
@@ -42,7 +43,11 @@ pub(crate) fn camera() -> Intrinsics {
 }
 
 /// What a camera sees of a surface: depth in metres, 0 where the ray misses or grazes.
-pub(crate) fn depth(surface: Distance, camera: &Intrinsics, world_from_camera: &Pose) -> DepthImage {
+pub(crate) fn depth(
+    surface: Distance,
+    camera: &Intrinsics,
+    world_from_camera: &Pose,
+) -> DepthImage {
     DepthImage::from_fn(camera.width(), camera.height(), |x, y| {
         hit(surface, camera, world_from_camera, x, y).map_or(0.0, |(z, _)| z as f32)
     })
@@ -89,7 +94,10 @@ pub(crate) fn points(depth: &DepthImage, camera: &Intrinsics) -> PointPyramid {
 
 /// A sample of the normal distribution.
 pub(crate) fn normal(random: &mut Pcg64Mcg) -> f64 {
-    let (a, b): (f64, f64) = (random.random_range(1e-12..1.0), random.random_range(0.0..1.0));
+    let (a, b): (f64, f64) = (
+        random.random_range(1e-12..1.0),
+        random.random_range(0.0..1.0),
+    );
     (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
 }
 

@@ -11,11 +11,12 @@ use rand_pcg::Pcg64Mcg;
 use crate::shapes::{self, Distance};
 
 /// A corner of a room with a ball and a box: every direction is observed.
-const ROOM: Distance = |p| {
+pub(crate) const ROOM: Distance = |p| {
     let ball = (p - DVec3::new(0.15, 0.1, 0.9)).length() - 0.15;
     let b = (p - DVec3::new(-0.25, 0.1, 1.0)).abs() - DVec3::new(0.1, 0.25, 0.08);
     let outside = b.max(DVec3::ZERO).length() + b.max_element().min(0.0);
-    ball.min(outside).min(shapes::CORNER(p - DVec3::new(0.0, 0.0, 0.4)))
+    ball.min(outside)
+        .min(shapes::CORNER(p - DVec3::new(0.0, 0.0, 0.4)))
 };
 
 /// Live fusion that holds one frame, seen from the identity.
@@ -70,7 +71,9 @@ fn hc_c11_a_jump_is_recovered_or_lost_but_never_wrong() {
         recovered += u32::from(!is_far && is_right && tracked.state == TrackState::Ok);
         lost += u32::from(is_far && tracked.state == TrackState::Lost);
     }
-    println!("C11: {recovered} of 20 jumps of 5 cm and 5 degrees recovered, {lost} of 20 of 50 cm lost");
+    println!(
+        "C11: {recovered} of 20 jumps of 5 cm and 5 degrees recovered, {lost} of 20 of 50 cm lost"
+    );
     assert!(recovered >= 19 && lost == 20);
 }
 
@@ -126,6 +129,7 @@ fn hc_c14_no_pass_ends_above_its_start() {
             iterations,
             largest_distance: 0.3,
             robust_scale: 6.0,
+            photometric: false,
         }],
         ..IcpConfig::default()
     };
@@ -135,7 +139,8 @@ fn hc_c14_no_pass_ends_above_its_start() {
     let (mut above, mut naive_above) = (0, 0);
     for _ in 0..10_000 {
         let start = jump(&mut random, 0.2, 0.3);
-        let mut cost_at = |icp: &mut Icp, pose: Pose| icp.align(input, &mut photometric, pose, 0..1);
+        let mut cost_at =
+            |icp: &mut Icp, pose: Pose| icp.align(input, &mut photometric, pose, 0..1);
         let Some(first) = cost_at(&mut once, start) else {
             continue;
         };

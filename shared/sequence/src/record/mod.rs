@@ -10,7 +10,7 @@ use zerocopy::byteorder::little_endian::F64;
 
 pub use gap::{Gap, GapCause};
 pub use poses::{FramePose, PoseSetHead, PoseState};
-pub(crate) use poses::{poses_payload, read_poses};
+pub(crate) use poses::{poses_header, read_poses};
 
 use crate::layout::{FLAG_HOST, FLAG_REPEAT, FLAG_TICKS, FrameHeader, GravityBytes};
 

@@ -2,8 +2,8 @@
 
 use geometry::Pose;
 use serde::{Deserialize, Serialize};
+use zerocopy::FromBytes as _;
 use zerocopy::byteorder::little_endian::{F32, F64};
-use zerocopy::{FromBytes as _, IntoBytes as _};
 
 use crate::description::pose_from_numbers;
 use crate::error::SequenceError;
@@ -48,7 +48,8 @@ impl FramePose {
         }
     }
 
-    pub(crate) fn bytes(&self) -> PoseBytes {
+    /// The bytes of an entry of a poses record (section 6.7).
+    pub fn bytes(&self) -> PoseBytes {
         let (state, weak_axes) = match self.state {
             PoseState::Ok => (1, 0),
             PoseState::Weak(axes) => (2, axes),
@@ -113,17 +114,12 @@ pub struct PoseSetHead {
     pub stream: u16,
 }
 
-/// Payload of a poses record.
-pub(crate) fn poses_payload(set: u16, poses: &[FramePose]) -> Vec<u8> {
-    let head = PosesHeader {
+/// Beginning of the payload of a poses record.
+pub(crate) fn poses_header(set: u16) -> PosesHeader {
+    PosesHeader {
         set: set.into(),
         reserved: [0; 6],
-    };
-    let mut payload = head.as_bytes().to_vec();
-    for pose in poses {
-        payload.extend_from_slice(pose.bytes().as_bytes());
     }
-    payload
 }
 
 /// Set and poses of a record; `set_name` names a set in errors.

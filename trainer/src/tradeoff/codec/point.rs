@@ -1,6 +1,5 @@
 //! One point of `codec`: code, store, decode, compare, time.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context as _, ensure};
@@ -8,10 +7,13 @@ use geometry::robust;
 use sequence::chunk_writer::DiskLimits;
 use sequence::codecs::{CodeTable, ColorDecoder, ColorEncoder};
 use sequence::file_layer::WritePath;
-use sequence::{COLOR_STREAM, DEPTH_STREAM, DepthSamples, FrameTimes, Recording, RecordingWriter};
+use sequence::{
+    COLOR_STREAM, DEPTH_STREAM, DepthSamples, Description, FrameTimes, Recording, RecordingWriter,
+};
 
 use super::super::machine::{involuntary_switches, rss_peak_mb};
-use super::super::subject::{PointFigures, Setting};
+use super::super::subject::{DEFAULT_POINT, PointFigures, Setting};
+use super::SUBJECT;
 use super::coder::{DepthCoder, as_codes};
 use crate::clock::{Cost, Stopwatch};
 
@@ -19,6 +21,11 @@ use crate::clock::{Cost, Stopwatch};
 const BLOCK_COUNT: usize = 10;
 /// Pairs that are coded once before anything is timed.
 const WARM_UP: usize = 5;
+/// Times that all pairs are coded and decoded.
+const PASS_COUNT: usize = 3;
+/// Place of the point and of the default among the two lanes of a pass.
+const POINT: usize = 0;
+const REFERENCE: usize = 1;
 /// Time between two pairs, milliseconds.
 const PERIOD_MS: f64 = 1000.0 / 30.0;
 
@@ -48,52 +55,123 @@ pub fn run_point(
 ) -> anyhow::Result<PointFigures> {
     let preparing = Stopwatch::start();
     let recording = Recording::open(recording)?;
-    let samples = recording.depth_camera().samples;
+    let is_of_values = recording.depth_camera().samples == DepthSamples::Values;
     let domain = setting.get("depth-domain").map_or("", String::as_str);
-    let mut input = read(&recording, pair_count)?;
-    let is_of_values = samples == DepthSamples::Values;
-    if domain == "codes" && is_of_values {
-        input.depth = as_codes(&input.depth, input.size[0], input.size[1])?;
-    }
+    let recorded = read(&recording, pair_count)?;
+    let in_codes = if domain == "codes" && is_of_values {
+        Some(Input {
+            depth: as_codes(&recorded.depth, recorded.size[0], recorded.size[1])?,
+            color: recorded.color.clone(),
+            size: recorded.size,
+        })
+    } else {
+        None
+    };
+    let input = in_codes.as_ref().unwrap_or(&recorded);
     let [width, height] = input.size;
     let finds_table = domain == "recorded" && is_of_values;
     let mut warm = Coders::new(&recording, setting, width, height, finds_table)?;
     for index in 0..WARM_UP.min(input.depth.len()) {
         let mut payloads = Payloads::default();
-        warm.encode(&input, index, &mut payloads)?;
-        warm.decode(&input, index, &payloads)?;
+        warm.encode(input, index, &mut payloads)?;
+        warm.decode(input, index, &payloads)?;
     }
     drop(warm);
     let shared_s = preparing.cost().core_s;
-    let mut coders = Coders::new(&recording, setting, width, height, finds_table)?;
-    let chunk: usize = setting.get("chunk-pairs").context("no chunk")?.parse()?;
-    let path = desk.join("coded.glint");
-    let mut writer = RecordingWriter::create(
-        &path,
-        recording.description(),
-        WritePath::Auto,
-        DiskLimits::default(),
-    )?;
-    let mut encoding = Vec::new();
-    let mut coded = Vec::new();
-    for index in 0..input.depth.len() {
+    let reference = SUBJECT.setting_of(DEFAULT_POINT).context("no default")?;
+    let mut passes = Vec::new();
+    for _ in 0..PASS_COUNT {
+        let new = |setting: &Setting, finds_table: bool| {
+            Coders::new(&recording, setting, width, height, finds_table)
+        };
+        let point = Lane::new(setting, input, new(setting, finds_table)?)?;
+        let coders = new(&reference, is_of_values)?;
+        let reference = Lane::new(&reference, &recorded, coders)?;
+        passes.push(pass(point, reference, desk, recording.description())?);
+    }
+    figures(input, &passes, shared_s)
+}
+
+/// One time through all pairs of one setting.
+struct Lane<'a> {
+    input: &'a Input,
+    coders: Coders,
+    chunk: usize,
+    coded: Vec<Payloads>,
+    /// Of every pair.
+    encoding: Vec<Cost>,
+    decoding: Vec<Cost>,
+    file_bytes: u64,
+}
+
+impl<'a> Lane<'a> {
+    fn new(setting: &Setting, input: &'a Input, coders: Coders) -> anyhow::Result<Self> {
+        Ok(Self {
+            input,
+            coders,
+            chunk: setting.get("chunk-pairs").context("no chunk")?.parse()?,
+            coded: Vec::new(),
+            encoding: Vec::new(),
+            decoding: Vec::new(),
+            file_bytes: 0,
+        })
+    }
+
+    /// Codes and stores a pair as a recorder does.
+    fn encode(&mut self, writer: &mut RecordingWriter) -> anyhow::Result<()> {
+        let index = self.coded.len();
         let watch = Stopwatch::start();
         let mut payloads = Payloads::default();
-        let table = coders.encode(&input, index, &mut payloads)?;
-        store(&mut writer, index, table.as_ref(), &payloads)?;
-        if (index + 1) % chunk == 0 {
+        let table = self.coders.encode(self.input, index, &mut payloads)?;
+        store(writer, index, table.as_ref(), &payloads)?;
+        if (index + 1).is_multiple_of(self.chunk) {
             writer.seal()?;
         }
-        encoding.push(watch.cost());
-        coded.push(payloads);
+        self.encoding.push(watch.cost());
+        self.coded.push(payloads);
+        Ok(())
     }
-    let file_bytes = writer.finish("complete")?.bytes;
-    std::fs::remove_file(&path)?;
-    let mut decoding = Vec::new();
-    for (index, payloads) in coded.iter().enumerate() {
-        decoding.push(coders.decode(&input, index, payloads)?);
+
+    fn decode(&mut self) -> anyhow::Result<()> {
+        let index = self.decoding.len();
+        let cost = self.coders.decode(self.input, index, &self.coded[index])?;
+        self.decoding.push(cost);
+        Ok(())
     }
-    figures(&input, &coded, &encoding, &decoding, file_bytes, shared_s)
+}
+
+/// The point and the default by turns, pair by pair: what disturbs one disturbs the other.
+fn pass<'a>(
+    mut point: Lane<'a>,
+    mut reference: Lane<'a>,
+    desk: &Path,
+    description: &Description,
+) -> anyhow::Result<[Lane<'a>; 2]> {
+    let begin = |name: &str| {
+        let path = desk.join(name);
+        RecordingWriter::create(&path, description, WritePath::Auto, DiskLimits::default())
+    };
+    let (mut of_point, mut of_reference) = (begin("point.glint")?, begin("reference.glint")?);
+    let pair_count = point.input.depth.len();
+    for index in 0..pair_count {
+        if index % 2 == 0 {
+            point.encode(&mut of_point)?;
+            reference.encode(&mut of_reference)?;
+        } else {
+            reference.encode(&mut of_reference)?;
+            point.encode(&mut of_point)?;
+        }
+    }
+    point.file_bytes = of_point.finish("complete")?.bytes;
+    of_reference.finish("complete")?;
+    for name in ["point.glint", "reference.glint"] {
+        std::fs::remove_file(desk.join(name))?;
+    }
+    for _ in 0..pair_count {
+        point.decode()?;
+        reference.decode()?;
+    }
+    Ok([point, reference])
 }
 
 fn read(recording: &Recording, pair_count: usize) -> anyhow::Result<Input> {
@@ -229,20 +307,15 @@ fn store(
     Ok(())
 }
 
-fn figures(
-    input: &Input,
-    coded: &[Payloads],
-    encoding: &[Cost],
-    decoding: &[Cost],
-    file_bytes: u64,
-    shared_s: f64,
-) -> anyhow::Result<PointFigures> {
+fn figures(input: &Input, passes: &[[Lane<'_>; 2]], shared_s: f64) -> anyhow::Result<PointFigures> {
+    let [first, _] = passes.first().context("nothing was coded")?;
+    let (coded, file_bytes) = (&first.coded, first.file_bytes);
     let count = coded.len();
     let depth_bytes: usize = coded.iter().map(|payloads| payloads.depth.len()).sum();
     let color_bytes: usize = coded.iter().map(|payloads| payloads.color.len()).sum();
     let raw_bytes: usize = input.depth.iter().map(|depth| 2 * depth.len()).sum();
-    let payload_bytes = (depth_bytes + color_bytes) as f64;
-    let overhead = (file_bytes as f64 - payload_bytes) / count as f64;
+    let file_bytes = file_bytes as f64;
+    let overhead = (file_bytes - (depth_bytes + color_bytes) as f64) / count as f64;
     let block = |block: usize| {
         let range = block * count / BLOCK_COUNT..(block + 1) * count / BLOCK_COUNT;
         let pairs = coded[range]
@@ -251,40 +324,70 @@ fn figures(
         let length = pairs.len() as f64;
         pairs.sum::<f64>() / length + overhead
     };
-    let over = |costs: &[Cost], of: fn(&Cost) -> f64, q: f64| {
-        let mut values = costs.iter().map(|cost| 1e3 * of(cost)).collect();
-        robust::quantile(&mut values, q).context("no pair was timed")
-    };
     let core = |cost: &Cost| cost.core_s;
     let wall = |cost: &Cost| cost.wall_s;
-    let late = encoding.iter().filter(|cost| 1e3 * cost.wall_s > PERIOD_MS);
-    let metrics = BTreeMap::from([
-        ("encode_ms".to_owned(), over(encoding, core, 0.5)?),
-        ("encode_ms_p99".to_owned(), over(encoding, core, 0.99)?),
-        ("encode_wall_ms".to_owned(), over(encoding, wall, 0.5)?),
-        ("decode_ms".to_owned(), over(decoding, core, 0.5)?),
-        ("decode_ms_p99".to_owned(), over(decoding, core, 0.99)?),
+    let encoding = |lane: usize| -> Vec<&[Cost]> {
+        let lanes = passes.iter().map(|pass| &pass[lane]);
+        lanes.map(|lane| lane.encoding.as_slice()).collect()
+    };
+    let decoding = |lane: usize| -> Vec<&[Cost]> {
+        let lanes = passes.iter().map(|pass| &pass[lane]);
+        lanes.map(|lane| lane.decoding.as_slice()).collect()
+    };
+    let encode_ms = fastest_ms(&encoding(POINT), core)?;
+    let decode_ms = fastest_ms(&decoding(POINT), core)?;
+    let reference_encode_ms = fastest_ms(&encoding(REFERENCE), core)?;
+    let reference_decode_ms = fastest_ms(&decoding(REFERENCE), core)?;
+    let of_point = encoding(POINT);
+    let all = of_point.iter().flat_map(|costs| costs.iter());
+    let late_count = all.filter(|cost| 1e3 * cost.wall_s > PERIOD_MS).count();
+    let metrics = [
+        ("encode_ratio", encode_ms / reference_encode_ms),
+        ("decode_ratio", decode_ms / reference_decode_ms),
+        ("encode_ms", encode_ms),
+        ("encode_ms_p99", p99_ms(&encoding(POINT), core)?),
+        ("encode_wall_ms", fastest_ms(&encoding(POINT), wall)?),
+        ("decode_ms", decode_ms),
+        ("decode_ms_p99", p99_ms(&decoding(POINT), core)?),
+        ("reference_encode_ms", reference_encode_ms),
+        ("bytes_per_pair", file_bytes / count as f64),
+        ("depth_bytes", depth_bytes as f64 / count as f64),
+        ("color_bytes", color_bytes as f64 / count as f64),
         (
-            "bytes_per_pair".to_owned(),
-            file_bytes as f64 / count as f64,
-        ),
-        ("depth_bytes".to_owned(), depth_bytes as f64 / count as f64),
-        ("color_bytes".to_owned(), color_bytes as f64 / count as f64),
-        (
-            "depth_percent".to_owned(),
+            "depth_percent",
             100.0 * depth_bytes as f64 / raw_bytes as f64,
         ),
         (
-            "deadline_miss_fraction".to_owned(),
-            late.count() as f64 / count as f64,
+            "deadline_miss_fraction",
+            late_count as f64 / (passes.len() * count) as f64,
         ),
-        ("frames".to_owned(), count as f64),
-        ("shared_s".to_owned(), shared_s),
-        ("rss_peak_mb".to_owned(), rss_peak_mb()),
-        ("nivcsw".to_owned(), involuntary_switches() as f64),
-    ]);
+        ("frames", count as f64),
+        ("shared_s", shared_s),
+        ("rss_peak_mb", rss_peak_mb()),
+        ("nivcsw", involuntary_switches() as f64),
+    ];
     Ok(PointFigures {
-        metrics,
+        metrics: metrics
+            .into_iter()
+            .map(|(key, value)| (key.to_owned(), value))
+            .collect(),
         blocks: (0..BLOCK_COUNT).map(block).collect(),
     })
+}
+
+/// Median over the pairs of the fastest pass of each, milliseconds: what disturbs one pass is left out.
+fn fastest_ms(passes: &[&[Cost]], of: fn(&Cost) -> f64) -> anyhow::Result<f64> {
+    let count = passes.first().map_or(0, |costs| costs.len());
+    let fastest = |pair: usize| {
+        let times = passes.iter().map(|costs| 1e3 * of(&costs[pair]));
+        times.fold(f64::INFINITY, f64::min)
+    };
+    robust::median(&mut (0..count).map(fastest).collect()).context("no pair was timed")
+}
+
+/// Quantile 0.99 over all pairs of all passes, milliseconds: what a recorder has to live with.
+fn p99_ms(passes: &[&[Cost]], of: fn(&Cost) -> f64) -> anyhow::Result<f64> {
+    let all = passes.iter().flat_map(|costs| costs.iter());
+    let mut times = all.map(|cost| 1e3 * of(cost)).collect();
+    robust::quantile(&mut times, 0.99).context("no pair was timed")
 }

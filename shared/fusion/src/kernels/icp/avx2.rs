@@ -6,7 +6,9 @@
 
 use std::arch::x86_64::*;
 
-use super::{INLIER_SIGMAS, IcpStep, IcpSums, LEAST_COSINE_SQUARED, ModelPixels, PointTile, Z_NEAR};
+use super::{
+    INLIER_SIGMAS, IcpStep, IcpSums, LEAST_COSINE_SQUARED, ModelPixels, PointTile, Z_NEAR,
+};
 use crate::model_view::Surfel;
 
 const LANES: usize = 8;
@@ -14,11 +16,7 @@ const LANES: usize = 8;
 const SUMS: usize = 28;
 
 /// As [`super::scalar::sum_tile`], but for the order of additions.
-pub(super) fn sum_tile(
-    points: PointTile<'_>,
-    model: ModelPixels<'_>,
-    step: &IcpStep,
-) -> IcpSums {
+pub(super) fn sum_tile(points: PointTile<'_>, model: ModelPixels<'_>, step: &IcpStep) -> IcpSums {
     if !std::is_x86_feature_detected!("avx2") {
         return super::scalar::sum_tile(points, model, step);
     }
@@ -134,8 +132,7 @@ fn sum_eight(
         dot(difference, difference),
         _mm256_set1_ps(step.largest_distance * step.largest_distance),
     );
-    let faces =
-        _mm256_cmp_ps::<_CMP_GE_OQ>(cosine_squared, _mm256_set1_ps(LEAST_COSINE_SQUARED));
+    let faces = _mm256_cmp_ps::<_CMP_GE_OQ>(cosine_squared, _mm256_set1_ps(LEAST_COSINE_SQUARED));
     let paired = _mm256_and_ps(met, _mm256_and_ps(near, faces));
     totals.met_count += _mm256_movemask_ps(met).count_ones();
     totals.pair_count += _mm256_movemask_ps(paired).count_ones();
@@ -144,10 +141,7 @@ fn sum_eight(
     let residual = masked(dot(normal, difference));
     let base = masked(_mm256_mul_ps(point_weight, cosine_squared));
     let square = _mm256_mul_ps(_mm256_mul_ps(residual, residual), base);
-    let agrees = _mm256_cmp_ps::<_CMP_LE_OQ>(
-        square,
-        _mm256_set1_ps(INLIER_SIGMAS * INLIER_SIGMAS),
-    );
+    let agrees = _mm256_cmp_ps::<_CMP_LE_OQ>(square, _mm256_set1_ps(INLIER_SIGMAS * INLIER_SIGMAS));
     totals.inlier_count += _mm256_movemask_ps(_mm256_and_ps(agrees, paired)).count_ones();
     let scale_squared = _mm256_set1_ps(step.robust_scale * step.robust_scale);
     let share = _mm256_div_ps(scale_squared, _mm256_add_ps(scale_squared, square));
@@ -276,8 +270,12 @@ fn transposed(rows: [__m256; 8]) -> [__m256; 8] {
             _mm256_permute2f128_ps::<0x31>(a, b),
         )
     };
-    let [(r0, r4), (r1, r5), (r2, r6), (r3, r7)] =
-        [halves(e0, f0), halves(e1, f1), halves(e2, f2), halves(e3, f3)];
+    let [(r0, r4), (r1, r5), (r2, r6), (r3, r7)] = [
+        halves(e0, f0),
+        halves(e1, f1),
+        halves(e2, f2),
+        halves(e3, f3),
+    ];
     [r0, r1, r2, r3, r4, r5, r6, r7]
 }
 
@@ -303,8 +301,7 @@ fn sub(a: Vector, b: Vector) -> Vector {
 #[inline]
 #[target_feature(enable = "avx2")]
 fn cross(a: Vector, b: Vector) -> Vector {
-    let component = |i: usize, j: usize| {
-        _mm256_sub_ps(_mm256_mul_ps(a[i], b[j]), _mm256_mul_ps(a[j], b[i]))
-    };
+    let component =
+        |i: usize, j: usize| _mm256_sub_ps(_mm256_mul_ps(a[i], b[j]), _mm256_mul_ps(a[j], b[i]));
     [component(1, 2), component(2, 0), component(0, 1)]
 }

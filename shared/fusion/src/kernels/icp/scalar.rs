@@ -1,13 +1,11 @@
 //! The specification of the sums.
 
-use super::{INLIER_SIGMAS, IcpStep, IcpSums, LEAST_COSINE_SQUARED, ModelPixels, PointTile, Z_NEAR};
+use super::{
+    INLIER_SIGMAS, IcpStep, IcpSums, LEAST_COSINE_SQUARED, ModelPixels, PointTile, Z_NEAR,
+};
 
 /// Sums over the points of a tile in their order.
-pub(super) fn sum_tile(
-    points: PointTile<'_>,
-    model: ModelPixels<'_>,
-    step: &IcpStep,
-) -> IcpSums {
+pub(super) fn sum_tile(points: PointTile<'_>, model: ModelPixels<'_>, step: &IcpStep) -> IcpSums {
     let mut sums = IcpSums::ZERO;
     for index in 0..points.x.len() {
         let point = [points.x[index], points.y[index], points.z[index]];
@@ -32,10 +30,8 @@ fn sum_point(
     let inverse_z = 1.0 / q[2];
     let column = model.focal[0] * q[0] * inverse_z + (model.center[0] + 0.5);
     let line = model.focal[1] * q[1] * inverse_z + (model.center[1] + 0.5);
-    let is_inside = column >= 0.0
-        && column < model.width as f32
-        && line >= 0.0
-        && line < model.height as f32;
+    let is_inside =
+        column >= 0.0 && column < model.width as f32 && line >= 0.0 && line < model.height as f32;
     if !is_inside {
         return;
     }

@@ -102,7 +102,10 @@ fn both_levels_give_the_same_sums_for_every_length() {
         let vector = sums(Level::detect(), &columns, &surfels, &step);
         assert_eq!(scalar.met_count, vector.met_count, "{count} points");
         assert_eq!(scalar.pair_count, vector.pair_count);
-        let largest = scalar.hessian.iter().fold(1e-30, |l: f64, h| l.max(h.abs()));
+        let largest = scalar
+            .hessian
+            .iter()
+            .fold(1e-30, |l: f64, h| l.max(h.abs()));
         for (one, other) in scalar.hessian.iter().zip(&vector.hessian) {
             assert!(((one - other) / largest).abs() < TOLERANCE, "{one} {other}");
         }

@@ -3,6 +3,8 @@
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 
+use imaging::LinearPixel;
+
 use super::*;
 
 const RULE: UpdateRule = UpdateRule {
@@ -236,6 +238,93 @@ fn finite_depth_leaves_finite_blocks_whatever_the_view() {
         let cap = RULE.weight_cap;
         assert!(block.weight.iter().all(|w| (0.0..=cap).contains(w)));
     }
+}
+
+/// A colour block in a state that integration can leave behind.
+fn random_color(rng: &mut Pcg64) -> ColorBlock {
+    let mut color = ColorBlock::EMPTY;
+    for voxel in 0..color.weight.len() {
+        let bound = if rng.random_range(0..4) == 0 {
+            SATURATED
+        } else {
+            0
+        };
+        color.weight[voxel] = match rng.random_range(0..4) {
+            0 => continue,
+            1 => color::WEIGHT_CAP as u16 | bound,
+            _ => rng.random_range(1..=color::WEIGHT_CAP as u16) | bound,
+        };
+        for channel in &mut color.channels {
+            channel[voxel] = *[0, 1, u16::MAX, rng.random()]
+                .get(rng.random_range(0..4))
+                .unwrap_or(&7);
+        }
+    }
+    color
+}
+
+#[test]
+fn twins_agree_on_colour() {
+    const SIZE: usize = 64;
+    let mut rng = Pcg64::seed_from_u64(5);
+    let mut changed = 0;
+    for round in 0..1500 {
+        let depth: Vec<f32> = (0..SIZE * SIZE)
+            .map(|_| match rng.random_range(0..8) {
+                0 => 0.0,
+                _ => rng.random_range(0.95..1.05),
+            })
+            .collect();
+        let pixels: Vec<LinearPixel> = (0..SIZE * SIZE)
+            .map(|_| {
+                let mut pixel: [u16; 4] = rng.random();
+                pixel[3] &= LinearPixel::VALID | LinearPixel::SATURATED;
+                LinearPixel(pixel)
+            })
+            .collect();
+        let mut view = straight_view(SIZE, SIZE);
+        for value in view.step.iter_mut().flatten() {
+            *value += rng.random_range(-0.3..0.3_f32) * 0.005 * SIZE as f32;
+        }
+        for step in &mut view.step {
+            step[2] = rng.random_range(-0.005..0.005);
+        }
+        view.is_inside = round % 2 == 0;
+        let rule = UpdateRule {
+            weight_at_one_metre: [1.0, 1e-6, 20.0, 1e6][round % 4],
+            ..RULE
+        };
+        let (block, color) = (random_block(&mut rng), random_color(&mut rng));
+        let image = DepthView {
+            depth: &depth,
+            width: SIZE,
+            height: SIZE,
+        };
+        let run = |level| {
+            let (mut block, mut color) = (block.clone(), color.clone());
+            let mut conflicts = Conflicts::NONE;
+            let colors = ColorView {
+                pixels: &pixels,
+                reach: 0.4,
+            };
+            let behind = integrate_block(
+                level,
+                &mut block,
+                Some((&mut color, colors)),
+                None,
+                image,
+                &view,
+                &rule,
+                &mut conflicts,
+            );
+            (bits(&block), color.channels, color.weight, behind)
+        };
+        let scalar = run(Level::Scalar);
+        assert!(scalar == run(Level::Avx2), "round {round}");
+        let pairs = scalar.2.iter().zip(&color.weight);
+        changed += pairs.filter(|(after, before)| after != before).count();
+    }
+    assert!(changed > 30_000, "only {changed} voxels took colour");
 }
 
 #[test]

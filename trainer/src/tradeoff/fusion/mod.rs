@@ -2,17 +2,23 @@
 //!
 //! The child is `glintd record replay:RECORDING?speed=max --json`; its summary and the `live` poses that it stored
 //! are judged here, and its mesh where a reference is given. Which flag turns a knob is part of the data.
+//! A replay at `speed=max` waits for everybody, so that the same setting gives the same poses at every repetition
+//! and under any load; only its cost differs.
+//!
+//! [`careful`] the mesh that others are compared with where nothing better is known.
+
+pub mod careful;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, bail, ensure};
 use geometry::Pose;
 use sequence::Recording;
 use serde_json::Value;
 
-use super::subject::{Axis, PointFigures, PointRunner, Setting, Subject};
+use super::subject::{Axis, Knob, PointFigures, PointRunner, Setting, Subject};
 use crate::eval::mesh::{self, Sightings, read_mesh};
 use crate::eval::trajectory::{self, JudgedPath, TrajectoryOptions, TrajectoryReference};
 
@@ -28,8 +34,8 @@ pub const COST: Axis = Axis {
 };
 /// Error of the path.
 pub const ERROR: Axis = Axis {
-    key: "ate_m",
-    label: "trajectory error after alignment, m",
+    key: "ate_mm",
+    label: "trajectory error after alignment, mm",
 };
 /// Share of frames tracked, which stands beside every error.
 pub const TRACKED: &str = "tracked_fraction";
@@ -48,6 +54,10 @@ pub const BESIDE: &[Axis] = &[
         label: "error over 1 s, m",
     },
     Axis {
+        key: "fscore_5mm",
+        label: "F-score of the mesh at 5 mm",
+    },
+    Axis {
         key: "mesh_accuracy_m",
         label: "mesh to reference, mean, m",
     },
@@ -56,13 +66,73 @@ pub const BESIDE: &[Axis] = &[
         label: "reference to mesh, mean, m",
     },
     Axis {
-        key: "realtime_factor",
-        label: "times real time",
+        key: "track_core_ms_p50",
+        label: "tracking, core-ms (median)",
+    },
+    Axis {
+        key: "integrate_core_ms_p50",
+        label: "integration, core-ms (median)",
+    },
+    Axis {
+        key: "fuse_memory_mb",
+        label: "volume, MiB",
     },
     Axis {
         key: "rss_peak_mb",
         label: "peak memory, MiB",
     },
+];
+
+/// Knobs of effects-and-tradeoffs B2 that the recorder has.
+pub const SUBJECT: Subject = Subject {
+    name: "fusion",
+    knobs: &[
+        Knob {
+            name: "voxel-mm",
+            default: "5",
+            others: &["4", "6", "8", "10"],
+        },
+        Knob {
+            name: "truncation-voxels",
+            default: "6",
+            others: &["4", "8"],
+        },
+        Knob {
+            name: "fuse-stride",
+            default: "1",
+            others: &["2", "3"],
+        },
+        Knob {
+            name: "view-level",
+            default: "1",
+            others: &["0", "2"],
+        },
+        Knob {
+            name: "icp-iterations",
+            default: "8/5/4",
+            others: &["10/5/4", "5/3/2", "4/2/1"],
+        },
+        Knob {
+            name: "photometric",
+            default: "on",
+            others: &["off"],
+        },
+    ],
+    cost: COST,
+    error: ERROR,
+    beside: BESIDE,
+    no_candidates: &[],
+    tracked: Some(TRACKED),
+};
+
+/// How [`SUBJECT`] is typed for `glintd record`.
+pub const FLAGS: &[(&str, Flag)] = &[
+    ("voxel-mm", Flag::Value("--voxel-mm")),
+    ("truncation-voxels", Flag::Value("--truncation-voxels")),
+    ("fuse-stride", Flag::Value("--fuse-stride")),
+    ("view-level", Flag::Value("--view-level")),
+    ("icp-iterations", Flag::Value("--icp-iterations")),
+    ("photometric", Flag::Value("--photometric")),
 ];
 
 /// How a level of a knob is typed for the recorder.
@@ -89,6 +159,13 @@ pub struct FusionRunner {
     pub mesh: Option<PathBuf>,
 }
 
+/// Names of what the recorder leaves in the folder of a point.
+const LIVE_RECORDING: &str = "live.glint";
+const LIVE_MESH: &str = "live.ply";
+
+/// Steps of the kernel's clock in which a child's time is counted, seconds, with room for rounding.
+const CLOCK_STEP_S: f64 = 0.05;
+
 impl PointRunner for FusionRunner {
     fn subject(&self) -> &Subject {
         &self.subject
@@ -99,9 +176,9 @@ impl PointRunner for FusionRunner {
         let source = format!("replay:{}?speed=max", self.recording.display());
         command
             .args(["record", &source, "--json", "-o"])
-            .arg(desk.join("live.glint"));
+            .arg(desk.join(LIVE_RECORDING));
         if self.mesh.is_some() {
-            command.arg("--mesh").arg(desk.join("live.ply"));
+            command.arg("--mesh").arg(desk.join(LIVE_MESH));
         }
         for (knob, flag) in self.flags {
             let level = setting
@@ -124,19 +201,19 @@ impl PointRunner for FusionRunner {
     fn figures(&self, last_line: &str, desk: &Path, core_s: f64) -> anyhow::Result<PointFigures> {
         let summary: Value =
             serde_json::from_str(last_line).context("the recorder did not print its summary")?;
-        let number = |key: &str| summary.get(key).and_then(Value::as_f64);
-        let frames = number("frames_in").context("the summary has no frames_in")?;
-        let recording = Recording::open(&desk.join("live.glint"))?;
-        let judged = trajectory::evaluate(
-            &recording,
-            &TrajectoryOptions {
-                reference: TrajectoryReference::Source,
-                poses: "live".to_owned(),
-                fit_offset: false,
-                ranges: Vec::new(),
-            },
-        )?;
-        let mut metrics = BTreeMap::from([(COST.key.to_owned(), 1e3 * core_s / frames.max(1.0))]);
+        if let Some(failure) = summary.get("fuse_failure").and_then(Value::as_str) {
+            bail!("fusion ended early: {failure}");
+        }
+        let recording = Recording::open(&desk.join(LIVE_RECORDING))?;
+        let judged = judge(&recording)?;
+        let frames = recording.frame_count().max(1) as f64;
+        let mut metrics = BTreeMap::from([
+            (
+                COST.key.to_owned(),
+                1e3 * self.recording_core_s(&summary, core_s)? / frames,
+            ),
+            (ERROR.key.to_owned(), 1e3 * judged.metrics.whole.ate.rmse),
+        ]);
         let mut take = |keys: serde_json::Map<String, Value>| {
             let numbers = keys
                 .into_iter()
@@ -158,6 +235,21 @@ impl PointRunner for FusionRunner {
 }
 
 impl FusionRunner {
+    /// Core-seconds until the recording was closed. The mesh comes after it and is asked for by us, not by the
+    /// frames: where there is one, the recorder's own count is taken, if it is not more than was seen from outside.
+    fn recording_core_s(&self, summary: &Value, core_s: f64) -> anyhow::Result<f64> {
+        if self.mesh.is_none() {
+            return Ok(core_s);
+        }
+        let counted = summary.get("cpu_s").and_then(Value::as_f64);
+        let counted = counted.context("the summary has no cpu_s")?;
+        ensure!(
+            counted <= core_s + CLOCK_STEP_S,
+            "the recorder counts {counted:.2} core-seconds, {core_s:.2} were seen from outside"
+        );
+        Ok(counted)
+    }
+
     fn mesh_figures(
         &self,
         recording: &Recording,
@@ -170,7 +262,7 @@ impl FusionRunner {
             world_from_depth: judged.reference.iter().flatten().copied().collect(),
         };
         let metrics = mesh::compare(
-            &read_mesh(&desk.join("live.ply"))?,
+            &read_mesh(&desk.join(LIVE_MESH))?,
             &read_mesh(reference)?,
             &judged.alignment.reference_from_estimate,
             "the trajectory",
@@ -180,6 +272,19 @@ impl FusionRunner {
         )?;
         Ok(mesh::summary(&metrics))
     }
+}
+
+/// The path that was tracked, by the set `source` of the same recording.
+fn judge(recording: &Recording) -> anyhow::Result<JudgedPath> {
+    trajectory::evaluate(
+        recording,
+        &TrajectoryOptions {
+            reference: TrajectoryReference::Source,
+            poses: "live".to_owned(),
+            fit_offset: false,
+            ranges: Vec::new(),
+        },
+    )
 }
 
 /// Mean squared distance of each of ten parts of the path, m²; frames without a pose at the last one, so that a part

@@ -1,15 +1,19 @@
 //! The disk thread: encoded records go into the file; chunks are sealed, files rotated, a full disk ends all.
 
+mod counts;
+mod fused;
+mod poses;
+mod report;
+
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
 
 use crossbeam::sync::Parker;
 use sequence::chunk_writer::DiskLimits;
 use sequence::codecs::CodeTable;
+use sequence::contents::StoredPoses;
 use sequence::description::Part;
-use sequence::file_layer::FileLayer;
 use sequence::{
     Description, Event, FileId, FrameTimes, Gap, GapCause, Histogram, RecordingWriter,
     SequenceError,
@@ -17,71 +21,32 @@ use sequence::{
 
 use crate::capture::LONGEST_PARK;
 use crate::clock::HostClock;
-use crate::latency::{Latencies, Work};
+use crate::latency::Work;
 use crate::message::{MessageKind, MessageReceiver, frame_parts, gap_parts};
 use crate::status::{EndReason, Status, StopFlag};
 
-/// Makes the file of a path.
-pub type LayerFactory = Box<dyn FnMut(&Path) -> Result<Box<dyn FileLayer>, SequenceError> + Send>;
+pub use self::fused::{FuseMessages, LIVE_SET, SOURCE_SET};
+use self::fused::{SourcePoses, Until};
+use self::poses::PoseQueue;
+pub use self::report::{DiskReport, LayerFactory, PreTrigger, Rotation};
 
-/// When a recording goes on in another file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Rotation {
-    /// At this size, bytes.
-    pub bytes: Option<u64>,
-    /// At this age.
-    pub age: Option<Duration>,
-}
-
-/// A recording that begins before it is asked for: the last frames wait in memory until the trigger.
-#[derive(Clone, Debug)]
-pub struct PreTrigger {
-    /// So much before the trigger is kept.
-    pub span: Duration,
-    /// Memory that may be used for it, bytes.
-    pub bytes: usize,
-    /// Set when the recording is asked for.
-    pub trigger: Arc<AtomicBool>,
-}
-
-/// What the disk thread did.
-#[derive(Debug, Default)]
-pub struct DiskReport {
-    /// The files, in order.
-    pub files: Vec<PathBuf>,
-    /// Their bytes.
-    pub bytes: u64,
-    /// Frames that are in the files.
-    pub frames: u64,
-    /// Frames that went before the trigger came.
-    pub not_asked_for: u64,
-    /// Frames that repeat their predecessor.
-    pub repeats: u64,
-    /// Everything that is missing.
-    pub gaps: Vec<Gap>,
-    /// Device times of the first and the last frame, nanoseconds.
-    pub device_nanos: Option<[i64; 2]>,
-    /// Time that passed to encode and store a depth frame and the colour frame after it.
-    pub pair_wall: Latencies,
-    /// The same in time of a processor.
-    pub pair_core: Latencies,
-    /// Time to make a chunk durable.
-    pub seals: Latencies,
-    /// What ended the recording, when it was the disk.
-    pub failure: Option<EndReason>,
-}
-
-impl DiskReport {
-    /// Device time from the first frame to the last, seconds.
-    pub fn span_s(&self) -> f64 {
-        self.device_nanos
-            .map_or(0.0, |[first, last]| last.saturating_sub(first) as f64 / 1e9)
-    }
+/// What comes to the disk.
+pub struct DiskEnds {
+    /// From the record thread.
+    pub records: MessageReceiver,
+    /// From the fuse thread, where there is one.
+    pub fuse: Option<FuseMessages>,
+    /// Poses that a replay brings, and whether they are of the colour camera.
+    pub source_poses: Option<(StoredPoses, bool)>,
 }
 
 /// Writes one recording, in one file or several.
 pub struct Disk<'capture> {
     receiver: MessageReceiver,
+    fuse: Option<FuseMessages>,
+    fuse_payload: Vec<u8>,
+    live: PoseQueue,
+    source: Option<SourcePoses>,
     make_layer: LayerFactory,
     description: Description,
     limits: DiskLimits,
@@ -97,6 +62,8 @@ pub struct Disk<'capture> {
     first_file_id: FileId,
     table: Option<(u16, CodeTable)>,
     depth_work: Option<Work>,
+    /// Host time at which the last byte of the last depth frame came, nanoseconds.
+    depth_arrival: Option<i64>,
     /// Stream and number of the frames that are not durable yet.
     unsealed: Vec<(u16, u64)>,
     report: DiskReport,
@@ -105,7 +72,7 @@ pub struct Disk<'capture> {
 impl<'capture> Disk<'capture> {
     /// Begins the recording `path`.
     pub fn new(
-        receiver: MessageReceiver,
+        ends: DiskEnds,
         mut make_layer: LayerFactory,
         path: &Path,
         description: &Description,
@@ -125,7 +92,13 @@ impl<'capture> Disk<'capture> {
             error => error.in_file(path),
         })?;
         Ok(Self {
-            receiver,
+            receiver: ends.records,
+            fuse: ends.fuse,
+            fuse_payload: Vec::with_capacity(1 << 16),
+            live: PoseQueue::new(LIVE_SET, description.writer.clone(), sequence::DEPTH_STREAM),
+            source: ends
+                .source_poses
+                .map(|(stored, is_color)| SourcePoses::new(stored, is_color)),
             make_layer,
             description: description.clone(),
             limits,
@@ -140,6 +113,7 @@ impl<'capture> Disk<'capture> {
             writer: Some(writer),
             table: None,
             depth_work: None,
+            depth_arrival: None,
             unsealed: Vec::with_capacity(4096),
             report: DiskReport {
                 files: vec![path.to_path_buf()],
@@ -157,6 +131,8 @@ impl<'capture> Disk<'capture> {
     ) -> Result<DiskReport, SequenceError> {
         let mut payload = Vec::with_capacity(2 << 20);
         loop {
+            let fused = self.take_fused();
+            self.judge(fused)?;
             if self.pre_trigger.is_some() {
                 let held = self.hold(&mut payload);
                 self.judge(held)?;
@@ -174,6 +150,7 @@ impl<'capture> Disk<'capture> {
                     self.judge(result)?;
                     if head.kind() == MessageKind::Frame {
                         self.count_work(stream, head.work().and(begun.end()));
+                        self.count_latency(stream, &payload);
                     }
                 }
                 None => parker.park_timeout(LONGEST_PARK),
@@ -181,6 +158,12 @@ impl<'capture> Disk<'capture> {
             let due = self.seal_if_due();
             self.judge(due)?;
         }
+        let last = self.await_fused(Until::Over);
+        self.judge(last)?;
+        // From here on the fuse thread counts its poses as too late.
+        self.fuse = None;
+        let counts = self.write_histograms();
+        self.judge(counts)?;
         let reason = self.report.failure.unwrap_or_else(reason);
         self.finish(reason)?;
         Ok(self.report)
@@ -267,6 +250,11 @@ impl<'capture> Disk<'capture> {
                     _ => Ok(()),
                 }
             }
+            MessageKind::Poses => {
+                self.take_poses(payload);
+                Ok(())
+            }
+            MessageKind::Event => self.take_event(stream, payload),
             MessageKind::End => Ok(()),
         }
     }
@@ -285,7 +273,9 @@ impl<'capture> Disk<'capture> {
         match writer.write_frame(stream, &times, image) {
             Ok(()) => {
                 self.report.frames += 1;
+                self.report.depth_frames += u64::from(stream == sequence::DEPTH_STREAM);
                 self.unsealed.push((stream, times.number));
+                self.note_frame(stream, times.number);
                 self.report.repeats += u64::from(times.is_repeat);
                 let nanos = times.device_nanos;
                 let [first, last] = self.report.device_nanos.unwrap_or([nanos; 2]);
@@ -358,6 +348,10 @@ impl<'capture> Disk<'capture> {
         if self.report.failure.is_some() || !writer.is_due(now_nanos) {
             return Ok(());
         }
+        self.flush_poses()?;
+        let Some(writer) = &mut self.writer else {
+            return Ok(());
+        };
         let begun = Instant::now();
         writer.seal()?;
         self.unsealed.clear();
@@ -380,7 +374,9 @@ impl<'capture> Disk<'capture> {
 
     /// Closes this file and goes on in the next.
     fn rotate(&mut self) -> Result<(), SequenceError> {
+        self.await_fused(Until::InStep)?;
         self.finish(EndReason::Part)?;
+        self.begin_pose_sets();
         let number = self.report.files.len() as u32 + 1;
         let path = part_path(&self.path, number);
         self.description.part = Some(Part {
@@ -405,6 +401,8 @@ impl<'capture> Disk<'capture> {
     }
 
     fn finish(&mut self, reason: EndReason) -> Result<(), SequenceError> {
+        let poses = self.flush_poses();
+        self.judge(poses)?;
         let Some(mut writer) = self.writer.take() else {
             return Ok(());
         };
@@ -466,16 +464,6 @@ impl<'capture> Disk<'capture> {
                     .gaps
                     .push(one_frame(stream, number, GapCause::DiskError)),
             }
-        }
-    }
-
-    fn count_work(&mut self, stream: u16, work: Work) {
-        if stream == sequence::DEPTH_STREAM {
-            self.depth_work = Some(work);
-        } else if let Some(depth) = self.depth_work.take() {
-            let pair = depth.and(work);
-            self.report.pair_wall.add_nanos(pair.wall_nanos);
-            self.report.pair_core.add_nanos(pair.core_nanos);
         }
     }
 }

@@ -3,28 +3,21 @@
 //! 0 success · 2 the user's input cannot be used, with one sentence · 3 frames are missing or damaged, with a
 //! list · 101 a bug.
 
+mod record;
+
 use std::io::IsTerminal as _;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::time::Duration;
 
-use anyhow::{Context as _, bail};
-use clap::{Args, Parser, Subcommand, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
-use sequence::codecs::DepthCodec;
+use clap::{Args, Parser, Subcommand};
 use sequence::copy::{Copied, cut, recover};
-use sequence::file_layer::WritePath;
 use sequence::verify::verify;
 use serde_json::json;
 
-use crate::capture::{CaptureOptions, capture_with};
-use crate::disk::Rotation;
+use self::record::{RecordArgs, run_record};
 use crate::inspect::{follow, info};
-use crate::replay::camera_name;
-use crate::source_spec::SourceSpec;
-use crate::status::{StatusNow, StopFlag};
+use crate::status::StopFlag;
 
 /// Records RGB-D cameras into files that can be trusted.
 #[derive(Debug, Parser)]
@@ -32,7 +25,7 @@ use crate::status::{StatusNow, StopFlag};
     name = "glintd",
     version,
     about,
-    after_help = "Example:\n  glintd record replay:recordings/two-cans.glint -o copy.glint --no-fuse"
+    after_help = "Example:\n  glintd record replay:recordings/two-cans.glint -o copy.glint"
 )]
 struct Cli {
     #[command(subcommand)]
@@ -54,62 +47,6 @@ enum Command {
     Recover(RecoverArgs),
     /// Copy a range of frames into a new recording.
     Cut(CutArgs),
-}
-
-/// How much work goes into depth.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum DepthChoice {
-    /// A tenth of the raw size, about 1.5 ms a VGA frame.
-    Fast,
-    /// Half of that, about 4 ms.
-    Dense,
-}
-
-/// How bytes reach the disk.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum WriteChoice {
-    /// Mapped where reserved space is a promise, else pwrite.
-    Auto,
-    /// Into a map of the file.
-    Mapped,
-    /// By pwrite calls.
-    Pwrite,
-}
-
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  glintd record 'replay:recordings/two-cans.glint?speed=max' -o copy.glint --no-fuse"
-)]
-struct RecordArgs {
-    /// replay:FILE, with ?speed=max (wait for the recorder, drop nothing), ?speed=0.5 (of the camera's), &loop.
-    source: SourceSpec,
-    /// File to make, or a folder: the file is then named by source and time.
-    #[arg(short, long)]
-    output: PathBuf,
-    /// Record without tracking and fusing. Required: this version only records.
-    #[arg(long)]
-    no_fuse: bool,
-    /// End after this many seconds.
-    #[arg(long, value_name = "S", value_parser = parse_seconds)]
-    duration: Option<f64>,
-    /// How much work goes into depth.
-    #[arg(long, value_enum, default_value = "fast")]
-    depth_codec: DepthChoice,
-    /// How bytes reach the disk.
-    #[arg(long, value_enum, default_value = "auto")]
-    write_path: WriteChoice,
-    /// Free space that is left alone, MB (10^6 bytes). Default: 2147, or a minute of recording if that is more.
-    #[arg(long, value_name = "MB")]
-    reserve_mb: Option<u64>,
-    /// Keep the last S seconds in memory, and begin the recording with them when SIGUSR1 comes.
-    #[arg(long, value_name = "S", value_parser = parse_seconds)]
-    pre_trigger: Option<f64>,
-    /// Go on in another file (NAME-002.glint …) at this size, MB (10^6 bytes).
-    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..))]
-    split_mb: Option<u64>,
-    /// Go on in another file after this many seconds.
-    #[arg(long, value_name = "S", value_parser = parse_seconds)]
-    split_seconds: Option<f64>,
 }
 
 #[derive(Debug, Args)]
@@ -204,135 +141,11 @@ fn exit_code(is_whole: bool) -> ExitCode {
     }
 }
 
-fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCode> {
-    if !args.no_fuse {
-        bail!("this version records without tracking and fusing; add --no-fuse");
-    }
-    let stop = stop_on_signals()?;
-    let SourceSpec::Replay(spec) = &args.source;
-    let output = output_path(&args.output, &camera_name(&spec.path))?;
-    if output.exists() {
-        bail!(
-            "{}: this file exists; remove it, or choose another name",
-            output.display()
-        );
-    }
-    let options = CaptureOptions {
-        depth_codec: match args.depth_codec {
-            DepthChoice::Fast => DepthCodec::Fast,
-            DepthChoice::Dense => DepthCodec::Dense,
-        },
-        write_path: match args.write_path {
-            WriteChoice::Auto => WritePath::Auto,
-            WriteChoice::Mapped => WritePath::Mapped,
-            WriteChoice::Pwrite => WritePath::Pwrite,
-        },
-        reserve_bytes: args.reserve_mb.map(|mb| mb.saturating_mul(1_000_000)),
-        rotation: Rotation {
-            bytes: args.split_mb.map(|mb| mb.saturating_mul(1_000_000)),
-            age: args.split_seconds.map(Duration::from_secs_f64),
-        },
-        pre_trigger: args.pre_trigger.map(Duration::from_secs_f64),
-        duration: args.duration.map(Duration::from_secs_f64),
-        ..CaptureOptions::new(args.source.clone(), output)
-    };
-    if options.pre_trigger.is_some() {
-        let signal = signal_hook::consts::SIGUSR1;
-        signal_hook::flag::register(signal, Arc::clone(&options.trigger))?;
-    }
-    let bar = progress_bar();
-    let mut shown = 0;
-    let outcome = capture_with(options, &stop, &mut |status| {
-        shown += 1;
-        show_status(status, &bar, json, shown);
-    })?;
-    bar.finish_and_clear();
-    if json {
-        let mut event = serde_json::to_value(&outcome)?;
-        event["event"] = json!("summary");
-        println!("{event}");
-    } else {
-        print!("{outcome}");
-    }
-    Ok(exit_code(outcome.is_whole()))
-}
-
-/// Plain lines are ten times rarer than the calls: one in five seconds.
-const PLAIN_EVERY: u64 = 10;
-
-fn show_status(status: &StatusNow, bar: &ProgressBar, json: bool, shown: u64) {
-    let bytes_a_minute = status.file_bytes as f64 / bar.elapsed().as_secs_f64() * 60.0;
-    let left = if bytes_a_minute > 0.0 {
-        format!(
-            ", {:.0} minutes left",
-            status.room_bytes as f64 / bytes_a_minute
-        )
-    } else {
-        String::new()
-    };
-    let line = format!(
-        "{} frames recorded, {} missing, {:.1} MB, buffer {} % full{left}",
-        status.frames_recorded,
-        status.frames_missing,
-        status.payload_bytes as f64 / 1e6,
-        status.ring_fill_percent
-    );
-    if json && let Ok(mut event) = serde_json::to_value(status) {
-        event["event"] = json!("status");
-        println!("{event}");
-    }
-    if std::io::stderr().is_terminal() {
-        bar.set_message(line);
-        bar.tick();
-    } else if shown.is_multiple_of(PLAIN_EVERY) {
-        eprintln!("{line}");
-    }
-}
-
-fn progress_bar() -> ProgressBar {
-    let style = ProgressStyle::with_template("{spinner} {elapsed} {msg}");
-    let bar = ProgressBar::new_spinner();
-    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
-}
-
 /// SIGINT and SIGTERM end a recording; what was taken is kept.
 fn stop_on_signals() -> anyhow::Result<StopFlag> {
     let stop = StopFlag::default();
     stop.stop_on_signals()?;
     Ok(stop)
-}
-
-/// The file itself, or a new name in a folder.
-fn output_path(output: &Path, camera: &str) -> anyhow::Result<PathBuf> {
-    if !output.is_dir() {
-        return Ok(output.to_path_buf());
-    }
-    let seconds = std::time::SystemTime::now()
-        .duration_since(std::time::UNIX_EPOCH)
-        .context("the clock of this machine is before 1970; set it, or name the file")?
-        .as_secs();
-    Ok(output.join(format!("{camera}-{}.glint", utc_name(seconds))))
-}
-
-/// `20261126T104530Z` of seconds since 1970.
-fn utc_name(seconds: u64) -> String {
-    // Days to year, month, day by the civil calendar (Hinnant, "chrono-compatible date algorithms").
-    let days = seconds / 86_400 + 719_468;
-    let era = days / 146_097;
-    let day_of_era = days % 146_097;
-    let year_of_era =
-        (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted_month = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
-    let month = if shifted_month < 10 {
-        shifted_month + 3
-    } else {
-        shifted_month - 9
-    };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
-    let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
-    format!("{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}Z")
 }
 
 fn run_info(args: &InfoArgs, json: bool) -> anyhow::Result<ExitCode> {
@@ -465,20 +278,6 @@ fn say_copied(copied: &Copied, output: &Path, json: bool) {
     }
 }
 
-fn parse_seconds(text: &str) -> Result<f64, String> {
-    let seconds: f64 = text
-        .parse()
-        .map_err(|_| format!("`{text}` is no number of seconds"))?;
-    // A hundred years is far inside what a Duration holds.
-    if seconds > 0.0 && seconds < 3.2e9 {
-        Ok(seconds)
-    } else {
-        Err(format!(
-            "`{text}` seconds cannot be: give a positive number"
-        ))
-    }
-}
-
 fn parse_range(text: &str) -> Result<Range<u64>, String> {
     let parts = text.split_once("..");
     let numbers = parts.and_then(|(start, end)| Some((start.parse().ok()?, end.parse().ok()?)));
@@ -496,12 +295,5 @@ mod tests {
     fn the_command_line_is_consistent() {
         use clap::CommandFactory as _;
         Cli::command().debug_assert();
-    }
-
-    #[test]
-    fn file_names_carry_the_utc_time() {
-        assert_eq!(utc_name(0), "19700101T000000Z");
-        assert_eq!(utc_name(951_782_400), "20000229T000000Z");
-        assert_eq!(utc_name(1_798_761_599), "20261231T235959Z");
     }
 }

@@ -1,0 +1,5 @@
+//! Tracking and fusing beside recording.
+
+mod live;
+mod scene;
+mod slow;
