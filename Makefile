@@ -76,6 +76,7 @@ peers: setup
 	python3 -m venv .venv
 	.venv/bin/pip install --quiet open3d embreex numpy
 	.venv/bin/python tests/peers/fusion_open3d.py ../shared/data/redkitchen
+	.venv/bin/python tests/peers/tracking_open3d.py ../shared/data/redkitchen
 	.venv/bin/python tests/peers/raycast_embree.py
 
 clean:

@@ -31,19 +31,16 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(10);
 /// Vertices or triangles between two looks while writing.
 const LOOK_EVERY: usize = 1 << 14;
 
-/// Writes the surface beside `path` and gives it its name when it is whole. Another signal stops it.
-pub fn write(live: LiveFusion, path: &Path, signal: &AnotherSignal) -> MeshOutcome {
+/// Writes the surface of `map` beside `path` and gives it its name when it is whole. Another signal stops it.
+pub fn write(live: LiveFusion, map: u32, path: &Path, signal: &AnotherSignal) -> MeshOutcome {
     let mut outcome = MeshOutcome {
         path: path.to_path_buf(),
         vertices: 0,
         triangles: 0,
         problem: None,
     };
-    tracing::info!(
-        "mesh: looking for the surface of {} blocks",
-        live.volume().block_count()
-    );
-    if let Err(error) = find_and_write(live, path, signal, &mut outcome) {
+    tracing::info!("mesh: looking for the surface of map {map}");
+    if let Err(error) = find_and_write(live, map, path, signal, &mut outcome) {
         outcome.problem = Some(format!("{error:#}"));
     }
     outcome
@@ -51,12 +48,16 @@ pub fn write(live: LiveFusion, path: &Path, signal: &AnotherSignal) -> MeshOutco
 
 fn find_and_write(
     live: LiveFusion,
+    map: u32,
     path: &Path,
     signal: &AnotherSignal,
     outcome: &mut MeshOutcome,
 ) -> anyhow::Result<()> {
     // A thread of its own, which ends with the program when the user does not want to wait for it.
-    let finding = std::thread::spawn(move || extract_mesh(live.volume(), &MeshConfig::default()));
+    let finding = std::thread::spawn(move || {
+        let volume = live.map_volume(map).unwrap_or_else(|| live.volume());
+        extract_mesh(volume, &MeshConfig::default())
+    });
     while !finding.is_finished() {
         anyhow::ensure!(!signal.is_set(), "stopped by a signal");
         std::thread::sleep(LOOK_INTERVAL);

@@ -115,8 +115,10 @@ pub fn capture_with(
         raw_pair_bytes: sizes.raw_pair_bytes,
         wall: done.sealed_after,
     });
+    let largest_map = done.fusion.largest_map();
     if let (Some(path), Some(live)) = (mesh_path, done.fusion.live) {
-        outcome.mesh = Some(mesh::write(*live, &path, &stop.watch_for_another()));
+        let signal = stop.watch_for_another();
+        outcome.mesh = Some(mesh::write(*live, largest_map, &path, &signal));
     }
     Ok(outcome)
 }

@@ -160,6 +160,8 @@ impl<'capture> Disk<'capture> {
         }
         let last = self.await_fused(Until::Over);
         self.judge(last)?;
+        // From here on the fuse thread counts its poses as too late.
+        self.fuse = None;
         let counts = self.write_histograms();
         self.judge(counts)?;
         let reason = self.report.failure.unwrap_or_else(reason);

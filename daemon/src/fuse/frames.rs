@@ -13,7 +13,7 @@ use crate::status::StopFlag;
 
 /// Frames that may wait to be fused: a quarter of a second.
 pub const RING_FRAMES: usize = 8;
-/// Frames that may wait while fusion is in step; older ones are skipped.
+/// Frames that may wait while fusion is in step.
 const MOST_WAITING: usize = 2;
 
 /// A depth frame to be fused, with the colour of its time where there is one.
@@ -168,15 +168,20 @@ impl FuseSource {
         &self.progress
     }
 
-    /// The next frame to fuse: the oldest while at most one waits behind it, or where the source can be paused; else
-    /// older ones go back and are skipped, as all do when the recording ends before its source.
+    /// The next frame to fuse: the oldest while few wait, or where the source can be paused; when fusion is late, the
+    /// newest, and the others are skipped. A recording that ends before its source skips all.
     pub fn take(&mut self) -> Next {
-        let is_stopped = self.stop.is_set();
-        while is_stopped || (!self.waits && self.from.occupied_len() > MOST_WAITING) {
-            match self.from.try_pop() {
-                Some(unit) => self.skip(unit),
-                None => break,
-            }
+        let kept = if self.stop.is_set() {
+            0
+        } else if !self.waits && self.from.occupied_len() > MOST_WAITING {
+            1
+        } else {
+            usize::MAX
+        };
+        while self.from.occupied_len() > kept
+            && let Some(unit) = self.from.try_pop()
+        {
+            self.skip(unit);
         }
         if let Some(unit) = self.from.try_pop() {
             self.record.unpark();

@@ -289,7 +289,7 @@ impl State {
     /// Says once when memory runs out, and once when it has.
     fn watch_memory(&mut self, to: &mut MessageSender) {
         let limit = self.options.live.volume.memory_limit_bytes;
-        let bytes = self.live.volume().memory_bytes();
+        let bytes = self.live.memory_bytes();
         self.report.memory_bytes = self.report.memory_bytes.max(bytes);
         let level = if self.report.limit_reached {
             2

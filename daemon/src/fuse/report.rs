@@ -38,6 +38,8 @@ pub struct FuseReport {
     pub weak: u64,
     /// Frames whose pose is not known.
     pub lost: u64,
+    /// Frames whose pose is known, of each map.
+    pub map_frames: Vec<u64>,
     /// Frames that were fused.
     pub fused: u64,
     /// Frames whose photograph could not be used.
@@ -78,6 +80,21 @@ impl FuseReport {
             TrackState::Lost => self.lost += 1,
         }
         self.relocalised += u64::from(tracked.is_relocalised);
+        if tracked.state != TrackState::Lost {
+            let map = tracked.map as usize;
+            if self.map_frames.len() <= map {
+                self.map_frames.resize(map + 1, 0);
+            }
+            self.map_frames[map] += 1;
+        }
+    }
+
+    /// The map with the most frames whose pose is known, of equals the first: as readers of the poses choose.
+    pub fn largest_map(&self) -> u32 {
+        let counts = self.map_frames.iter().enumerate().rev();
+        counts
+            .max_by_key(|(_, count)| **count)
+            .map_or(0, |(map, _)| map as u32)
     }
 
     /// Stages with the names of their histograms.
@@ -234,5 +251,20 @@ impl fmt::Display for FuseSummary {
             writeln!(f, "fusion ended early: {failure}")?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_largest_map_is_the_first_of_equals() {
+        let with = |map_frames: &[u64]| FuseReport {
+            map_frames: map_frames.to_vec(),
+            ..FuseReport::default()
+        };
+        assert_eq!(with(&[]).largest_map(), 0);
+        assert_eq!(with(&[3, 7, 7, 2]).largest_map(), 1);
     }
 }

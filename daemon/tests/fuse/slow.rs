@@ -70,7 +70,7 @@ impl Line {
 }
 
 #[test]
-fn a_full_ring_gives_frames_back_and_the_oldest_that_wait_are_skipped() {
+fn a_full_ring_gives_frames_back_and_only_the_newest_that_waits_is_fused() {
     let mut line = line(20, false, &StopFlag::default());
     let mut refused = Vec::new();
     for number in 0..12 {
@@ -86,14 +86,14 @@ fn a_full_ring_gives_frames_back_and_the_oldest_that_wait_are_skipped() {
     let Next::Frame(unit) = line.source.take() else {
         panic!("a frame waits");
     };
-    assert_eq!(unit.depth.times.number, places - 2);
+    assert_eq!(unit.depth.times.number, places - 1);
     line.source.give_back(unit);
     let progress = line.source.progress();
-    assert_eq!(progress.skipped(), 12 - places + places - 2);
-    assert_eq!((progress.announced(), progress.done()), (12, 11));
+    assert_eq!(progress.skipped(), 11);
+    assert_eq!((progress.announced(), progress.done()), (12, 12));
     // What was skipped can be taken again.
     let free = std::iter::from_fn(|| line.depth_frames.take()).count();
-    assert_eq!(free, 20 - 12 + (RING_FRAMES - 2) + 1);
+    assert_eq!(free, 20 - 12 + RING_FRAMES);
 }
 
 #[test]

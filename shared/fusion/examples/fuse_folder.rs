@@ -11,9 +11,11 @@
 //! `--color yes` fuses colour too. `--predict WIDTH` predicts the model from each pose before its frame is
 //! fused, at that width; the time of it stands apart.
 
-use std::io::{BufWriter, Read as _, Write as _};
+mod mesh_file;
 
-use fusion::{Mesh, MeshConfig, ModelView, Volume, VolumeConfig, extract_mesh};
+use std::io::Read as _;
+
+use fusion::{MeshConfig, ModelView, Volume, VolumeConfig, extract_mesh};
 use geometry::{DMat3, DVec3, Intrinsics, Pose};
 use imaging::{LinearPixel, Srgb8};
 use rustix::time::{ClockId, clock_gettime};
@@ -132,7 +134,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     );
     let mesh_ms = process_ms() - start;
     if let Some(path) = &arguments.mesh {
-        write_ply(&mesh, path)?;
+        mesh_file::write_ply(&mesh, path)?;
     }
     let (total, median) = total_and_median(&mut frame_ms);
     let (predict_total, predict_median, surface_count) = match &mut prediction {
@@ -225,33 +227,4 @@ fn read_f64s<const N: usize>(file: &mut std::fs::File) -> std::io::Result<[f64; 
         *value = f64::from_le_bytes(bytes);
     }
     Ok(values)
-}
-
-fn write_ply(mesh: &Mesh, path: &str) -> std::io::Result<()> {
-    let mut out = BufWriter::new(std::fs::File::create(path)?);
-    writeln!(
-        out,
-        "ply\nformat binary_little_endian 1.0\nelement vertex {}",
-        mesh.positions.len()
-    )?;
-    for name in ["x", "y", "z", "nx", "ny", "nz"] {
-        writeln!(out, "property float {name}")?;
-    }
-    writeln!(
-        out,
-        "element face {}\nproperty list uchar int vertex_indices\nend_header",
-        mesh.triangles.len()
-    )?;
-    for (position, normal) in mesh.positions.iter().zip(&mesh.normals) {
-        for value in position.to_array().into_iter().chain(normal.to_array()) {
-            out.write_all(&value.to_le_bytes())?;
-        }
-    }
-    for triangle in &mesh.triangles {
-        out.write_all(&[3])?;
-        for vertex in triangle {
-            out.write_all(&vertex.to_le_bytes())?;
-        }
-    }
-    out.flush()
 }

@@ -1,20 +1,26 @@
 //! Tracks and fuses a dump of RGB-D frames and compares the path with a reference, as one line of JSON.
 //!
+//! Frames that come again get fresh depth noise.
+//!
 //! `track_dump DUMP [--voxel-mm 5] [--threads 1] [--frames A..B,C..D,blank*N,…] [--no-grey] [--coarse-view] [--skip-finest]
-//! [--poses OUT.txt] [--verbose]`
+//! [--poses OUT.txt] [--mesh OUT.ply] [--verbose]`
 //!
 //! DUMP, little-endian: u32 columns, rows, frames, 1; f64 fx, fy, cx, cy, metres per unit of the depth camera; u32
 //! columns, rows, f64 fx, fy, cx, cy of the colour camera; 16 f64 color_from_depth; per frame i64 nanoseconds, 16 f64
 //! world_from_camera (row-major, the reference), u16 depth (0 = none), RGB8 with gamma 2.2.
 
+mod mesh_file;
+
 use std::io::{BufReader, Read, Write as _};
 
-use fusion::VolumeConfig;
 use fusion::live::{Effort, LiveConfig, LiveFusion, LiveRig};
 use fusion::tracking::TrackState;
+use fusion::{MeshConfig, VolumeConfig, extract_mesh};
 use geometry::{DMat3, DVec3, Intrinsics, Pose, trajectory_error};
 use imaging::develop::{ColorLayout, Developer};
 use imaging::{Corrector, DepthImage, LinearPixel, Response, Vignetting};
+use rand::{RngExt as _, SeedableRng as _};
+use rand_pcg::Pcg64Mcg;
 use rustix::time::{ClockId, clock_gettime};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
@@ -32,6 +38,7 @@ struct Arguments {
     grey: bool,
     effort: Effort,
     poses: Option<String>,
+    mesh: Option<String>,
     verbose: bool,
 }
 
@@ -54,6 +61,7 @@ fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> 
         grey: true,
         effort: Effort::default(),
         poses: None,
+        mesh: None,
         verbose: false,
     };
     while let Some(flag) = words.next() {
@@ -69,6 +77,7 @@ fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Failure> 
                     "--truncation-voxels" => arguments.truncation_voxels = value.parse()?,
                     "--threads" => arguments.threads = value.parse()?,
                     "--poses" => arguments.poses = Some(value),
+                    "--mesh" => arguments.mesh = Some(value),
                     "--frames" => {
                         for part in value.split(',') {
                             if let Some(count) = part.strip_prefix("blank*") {
@@ -162,10 +171,11 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let first = frames[order[0]].as_ref().ok_or("no such frame")?.reference;
     let mut live = LiveFusion::new(config, rig, first)?;
     let (mut references, mut estimates) = (Vec::new(), Vec::new());
-    let mut ms = [0.0; 3];
+    let mut ms = [0.0; 4];
     let mut counts = [0; 3];
     let mut worst = (0.0_f64, 0.0_f64);
     let mut wrong = 0;
+    let mut end_mm = 0.0;
     let mut out = String::new();
     let interval = frames[order[0].max(1)]
         .as_ref()
@@ -174,7 +184,17 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut last = frames[order[0]].as_ref().map_or(0, |f| f.time_nanos);
     for (place, &index) in order.iter().enumerate() {
         let blank;
-        let frame = if index == BLANK {
+        let is_again = index != BLANK && order[..place].contains(&index);
+        let frame = if index != BLANK && is_again {
+            let frame = frames[index].as_ref().ok_or("no such frame")?;
+            blank = Frame {
+                time_nanos: frame.time_nanos,
+                reference: frame.reference,
+                depth: with_fresh_noise(&frame.depth, place as u64),
+                rgb: frame.rgb.clone(),
+            };
+            &blank
+        } else if index == BLANK {
             let frame = frames[order[place - 1].min(order[0])]
                 .as_ref()
                 .ok_or("no such frame")?;
@@ -203,12 +223,25 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         let loaded = process_ms();
         let tracked = live.track(time, arguments.effort);
         let found = process_ms();
+        // What the model looks like from there, once more: the share of the prediction in the time of tracking.
+        let mut view = live.view().clone();
+        let predicting = process_ms();
+        live.volume().predict(
+            &live.view().camera,
+            &live.view().world_from_camera,
+            &mut view,
+        );
+        let predicted = process_ms() - predicting;
+        let fusing = process_ms();
         live.fuse(&frame.depth, arguments.grey.then_some(&pixels))?;
         let fused = process_ms();
-        for (sum, part) in ms
-            .iter_mut()
-            .zip([loaded - start, found - loaded, fused - found])
-        {
+        let parts = [
+            loaded - start,
+            found - loaded,
+            fused - fusing,
+            found - loaded - predicted,
+        ];
+        for (sum, part) in ms.iter_mut().zip(parts) {
             *sum += part;
         }
         let error = frame.reference.inverse() * tracked.world_from_camera;
@@ -224,6 +257,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
             TrackState::Lost => counts[2] += 1,
         }
         let known = tracked.state != TrackState::Lost;
+        end_mm = 1000.0 * shift;
         if known {
             worst = (worst.0.max(shift), worst.1.max(turn));
             wrong += u32::from(shift > 0.05 || turn > 5.0);
@@ -240,7 +274,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
                 tracked.agreement,
                 loaded - start,
                 found - loaded,
-                fused - found,
+                fused - fusing,
                 live.last_alignment()
                     .map(|found| (found.cost, found.solution.rank))
             );
@@ -257,10 +291,14 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.poses {
         std::fs::File::create(path)?.write_all(out.as_bytes())?;
     }
+    if let Some(path) = &arguments.mesh {
+        let mesh = extract_mesh(live.volume(), &MeshConfig::default());
+        mesh_file::write_ply(&mesh, path)?;
+    }
     let error = trajectory_error(&references, &estimates)?;
     let n = order.len() as f64;
     println!(
-        "{{\"frames\": {}, \"ok\": {}, \"weak\": {}, \"lost\": {}, \"ate_mm\": {:.2}, \"worst_mm\": {:.1}, \"worst_deg\": {:.2}, \"wrong\": {wrong}, \"load_ms\": {:.2}, \"track_ms\": {:.2}, \"fuse_ms\": {:.2}, \"blocks\": {}}}",
+        "{{\"frames\": {}, \"ok\": {}, \"weak\": {}, \"lost\": {}, \"ate_mm\": {:.2}, \"worst_mm\": {:.1}, \"worst_deg\": {:.2}, \"wrong\": {wrong}, \"end_mm\": {end_mm:.1}, \"load_ms\": {:.2}, \"track_ms\": {:.2}, \"align_ms\": {:.2}, \"fuse_ms\": {:.2}, \"blocks\": {}}}",
         order.len(),
         counts[0],
         counts[1],
@@ -270,10 +308,21 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         worst.1,
         ms[0] / n,
         ms[1] / n,
+        ms[3] / n,
         ms[2] / n,
         live.volume().block_count()
     );
     Ok(())
+}
+
+/// The same surface measured again: noise of a PrimeSense sensor, 1.2e-3 z² metres.
+fn with_fresh_noise(depth: &DepthImage, seed: u64) -> DepthImage {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    depth.map(|z| {
+        // The sum of four uniform numbers, variance 1/3, is near enough to normal.
+        let sum: f32 = (0..4).map(|_| random.random_range(-0.5..0.5)).sum();
+        z + 1.2e-3 * z * z * sum * 3.0_f32.sqrt()
+    })
 }
 
 fn pose(m: &[f64; 16]) -> Result<Pose, Failure> {

@@ -1,11 +1,13 @@
-//! Fusing and predicting allocate nothing per frame once warm, unless blocks are made.
+//! Tracking, fusing and predicting allocate nothing per frame once warm, unless blocks are made.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
+use fusion::live::{Effort, LiveConfig, LiveFusion, LiveRig};
+use fusion::tracking::TrackState;
 use fusion::{ModelView, Volume, VolumeConfig};
 use geometry::{DVec3, Intrinsics, Pose};
-use imaging::LinearPixel;
+use imaging::{DepthImage, LinearPixel};
 
 /// The system's allocator, which counts for each thread.
 struct Counting;
@@ -81,5 +83,59 @@ fn a_warm_volume_allocates_nothing_per_frame() {
         assert_eq!(made, 0, "no block is made");
         assert_eq!(count, 0, "allocations of 6 warm frames");
         assert!(view.surface_count() > 1000);
+    });
+}
+
+#[test]
+fn a_warm_tracker_allocates_nothing_per_frame() {
+    let camera = Intrinsics::pinhole(160, 120, 150.0, 150.0, 79.5, 59.5).expect("usable");
+    // A wavy wall, so that the whole pose is observed, with waves of colour.
+    let wave = |x: u32, y: u32| (x as f32 * 0.11).sin() + (y as f32 * 0.13).cos();
+    let depth = DepthImage::from_fn(160, 120, |x, y| 1.0 + 0.05 * wave(x, y) + x as f32 * 2e-3);
+    let colors: Vec<LinearPixel> = (0..160 * 120)
+        .map(|n| LinearPixel::from_radiance([0.4 + 0.1 * wave(n % 160, n / 160); 3], false))
+        .collect();
+    let rig = LiveRig {
+        depth_camera: camera,
+        color_camera: Some(camera),
+        color_from_depth: Pose::IDENTITY,
+    };
+    let config = LiveConfig {
+        volume: VolumeConfig {
+            voxel_size: 0.01,
+            ..VolumeConfig::default()
+        },
+        ..LiveConfig::default()
+    };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .expect("a pool");
+    pool.install(|| {
+        let mut live = LiveFusion::new(config, rig, Pose::IDENTITY).expect("usable");
+        let mut time = 0;
+        let mut frame = || {
+            time += 33_000_000;
+            if let Some(grey) = live.grey_mut() {
+                for y in 0..grey.height() {
+                    for x in 0..grey.width() {
+                        *grey.at_mut(x, y) = 0.4 + 0.1 * wave(2 * x, 2 * y);
+                    }
+                }
+            }
+            live.load(&depth, true);
+            let tracked = live.track(time, Effort::default());
+            live.fuse(&depth, Some(&colors)).expect("a frame");
+            tracked.state
+        };
+        for _ in 0..6 {
+            frame();
+        }
+        let mut states = [TrackState::Lost; 6];
+        let count = allocations(|| states = std::array::from_fn(|_| frame()));
+        assert_eq!(states, [TrackState::Ok; 6]);
+        assert_eq!(count, 0, "allocations of 6 warm frames");
+        let photometric = live.last_alignment().and_then(|found| found.photometric);
+        assert!(photometric.is_some(), "the photograph counted");
     });
 }

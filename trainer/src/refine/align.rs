@@ -4,10 +4,10 @@
 //! photograph knows more sharply than depth is believed.
 
 use fusion::Level;
+use fusion::ModelView;
 use fusion::kernels::icp::{IcpStep, IcpSums, ModelPixels, sum_tile};
 use fusion::tracking::equations::NormalEquations;
 use fusion::tracking::{GreyFrame, Photometric, PointPyramid};
-use fusion::ModelView;
 use geometry::{DVec3, Pose, rotation};
 use glam::DMat3;
 
@@ -67,9 +67,8 @@ pub(super) fn align(
             NormalEquations::from_triangle(&sums.hessian, &sums.gradient, radius),
             GEOMETRY_SHARE,
         );
-        let seen = grey.and_then(|grey| {
-            photometric.equations(view, grey, &pose, center, radius, level)
-        });
+        let seen =
+            grey.and_then(|grey| photometric.equations(view, grey, &pose, center, radius, level));
         if let Some(term) = seen {
             equations = total(equations, &term.equations);
         }
@@ -177,9 +176,8 @@ fn information(
     }
     let mut result = [[0.0; 6]; 6];
     for (row, left) in columns.iter().enumerate() {
-        let through: [f64; 6] = std::array::from_fn(|k| {
-            (0..6).map(|i| left[i] * equations.hessian[i][k]).sum()
-        });
+        let through: [f64; 6] =
+            std::array::from_fn(|k| (0..6).map(|i| left[i] * equations.hessian[i][k]).sum());
         for (column, right) in columns.iter().enumerate() {
             result[row][column] = through.iter().zip(right).map(|(a, b)| a * b).sum();
         }

@@ -101,7 +101,8 @@ mod tests {
         let pairs = || (0..count).map(|node| (node, (node + 1) % count));
         let mut matrix = Envelope::new(count, pairs());
         let mut dense = vec![vec![0.0; BLOCK * count]; BLOCK * count];
-        let value = |i: usize, j: usize, k: usize| (((7 * i + 11 * j + 5 * k) % 13) as f64 - 6.0) / 13.0;
+        let value =
+            |i: usize, j: usize, k: usize| (((7 * i + 11 * j + 5 * k) % 13) as f64 - 6.0) / 13.0;
         for node in 0..count {
             let block: [[f64; BLOCK]; BLOCK] = std::array::from_fn(|i| {
                 std::array::from_fn(|j| {
@@ -127,7 +128,9 @@ mod tests {
                 }
             }
         }
-        let truth: Vec<f64> = (0..BLOCK * count).map(|i| (i as f64 * 0.37).sin()).collect();
+        let truth: Vec<f64> = (0..BLOCK * count)
+            .map(|i| (i as f64 * 0.37).sin())
+            .collect();
         let right: Vec<f64> = dense.iter().map(|row| dot(row, &truth)).collect();
         let found = matrix.solve(right).unwrap();
         for (found, truth) in found.iter().zip(&truth) {
@@ -137,7 +140,14 @@ mod tests {
 
     #[test]
     fn what_nothing_determines_is_said() {
-        assert!(Envelope::new(2, std::iter::once((0, 1))).solve(vec![0.0; 12]).is_none());
-        assert_eq!(Envelope::new(0, std::iter::empty()).solve(Vec::new()), Some(Vec::new()));
+        assert!(
+            Envelope::new(2, std::iter::once((0, 1)))
+                .solve(vec![0.0; 12])
+                .is_none()
+        );
+        assert_eq!(
+            Envelope::new(0, std::iter::empty()).solve(Vec::new()),
+            Some(Vec::new())
+        );
     }
 }

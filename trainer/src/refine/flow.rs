@@ -155,7 +155,10 @@ impl Patch {
         for place in 0..side * side {
             let column = (place % side) as f64 - REACH as f64;
             let row = (place / side) as f64 - REACH as f64;
-            let place = glam::DVec2::new(self.center[0] + column + at[0], self.center[1] + row + at[1]);
+            let place = glam::DVec2::new(
+                self.center[0] + column + at[0],
+                self.center[1] + row + at[1],
+            );
             seen.push(f64::from(between(photograph, place)?));
         }
         Some(())

@@ -197,7 +197,11 @@ impl<'a> FrameLoader<'a> {
         depth: &DepthImage,
         scratch: &mut Scratch,
     ) -> anyhow::Result<Photograph> {
-        let mut grey = GreyFrame::new(&self.half_color_camera, self.view.color_from_depth, LEVEL_COUNT);
+        let mut grey = GreyFrame::new(
+            &self.half_color_camera,
+            self.view.color_from_depth,
+            LEVEL_COUNT,
+        );
         let out = grey.finest_mut();
         match self.recording.color_camera().encoding {
             ColorEncoding::Jpeg | ColorEncoding::Rgb8 => {
@@ -275,7 +279,10 @@ pub(super) fn between(image: &Image<f32>, place: DVec2) -> Option<f32> {
         return None;
     }
     let (x, y) = (place.x as u32, place.y as u32);
-    let (fx, fy) = ((place.x - f64::from(x)) as f32, (place.y - f64::from(y)) as f32);
+    let (fx, fy) = (
+        (place.x - f64::from(x)) as f32,
+        (place.y - f64::from(y)) as f32,
+    );
     let [a, b, c, d] = [
         image.at(x, y),
         image.at(x + 1, y),

@@ -1,7 +1,7 @@
 //! Frames that stand for those around them, and which of them see the same surface.
 
-use fusion::tracking::keyframes::angle_between;
 use fusion::tracking::Thumbnail;
+use fusion::tracking::keyframes::angle_between;
 use geometry::{DVec3, Intrinsics, Pose};
 
 use super::frames::LoadedFrame;

@@ -155,8 +155,10 @@ pub(super) fn verified(
     let fine = align(&frame.points, view, grey, &coarse.view_from_live, FINE)?;
     let change = coarse.view_from_live.inverse() * fine.view_from_live;
     let is_near = change.translation().length() < f64::from(FINE.largest_distance)
-        && angle_between(coarse.view_from_live.rotation(), fine.view_from_live.rotation())
-            < gates.largest_turn;
+        && angle_between(
+            coarse.view_from_live.rotation(),
+            fine.view_from_live.rotation(),
+        ) < gates.largest_turn;
     let met = f64::from(fine.sums.met_count);
     let inliers = f64::from(fine.sums.inlier_count);
     let holds = inliers >= gates.least_inliers

@@ -149,11 +149,17 @@ pub fn refine(
             "only {} frames with depth of their own: nothing to compare them with",
             active.len()
         );
-        return Ok(Refinement { poses: start, summary });
+        return Ok(Refinement {
+            poses: start,
+            summary,
+        });
     }
     let Some(volume) = volume_of(recording, &loader, &active)? else {
         summary.reason = "the frames hold no depth".to_owned();
-        return Ok(Refinement { poses: start, summary });
+        return Ok(Refinement {
+            poses: start,
+            summary,
+        });
     };
     let refined = moved(&loader, &active, &volume, &mut summary, progress)?;
     let before = judge::judge(&loader, &active, &volume, &mut |_| {})?;
@@ -199,7 +205,11 @@ fn volume_of(
     frames: &[ActiveFrame],
 ) -> anyhow::Result<Option<VolumeConfig>> {
     let step = frames.len().div_ceil(8);
-    let indices: Vec<usize> = frames.iter().step_by(step).map(|frame| frame.index).collect();
+    let indices: Vec<usize> = frames
+        .iter()
+        .step_by(step)
+        .map(|frame| frame.index)
+        .collect();
     let depths = loader.map(&indices, |_, frame| {
         let known = frame.depth.pixels().iter().step_by(37);
         let known = known.filter(|z| imaging::is_measured(**z));
@@ -211,7 +221,10 @@ fn volume_of(
     let range = recording.depth_camera().depth_range.clone();
     let pixel = median / loader.depth_camera.focal().x;
     let [least, largest] = FINEST_VOXEL;
-    let mean = frames.iter().map(|f| f.world_from_camera.translation()).sum::<DVec3>();
+    let mean = frames
+        .iter()
+        .map(|f| f.world_from_camera.translation())
+        .sum::<DVec3>();
     Ok(Some(VolumeConfig {
         voxel_size: ((FINEST_VOXEL_PIXELS * pixel) as f32).clamp(least, largest),
         min_depth: *range.start(),
@@ -238,7 +251,11 @@ fn moved(
     let graph = loops::build(loader, active, &coarse, &mut |done, count| {
         progress(active.len() * done / count.max(1), of);
     })?;
-    let start: Vec<Pose> = graph.positions.iter().map(|&p| active[p].world_from_camera).collect();
+    let start: Vec<Pose> = graph
+        .positions
+        .iter()
+        .map(|&p| active[p].world_from_camera)
+        .collect();
     let mut solved = pose_graph::solve(&start, &graph.edges);
     rounds::regauge(&start, &mut solved.poses);
     summary.keyframe_count = graph.positions.len();
@@ -274,7 +291,10 @@ fn moved(
 fn verdict(before: &Judgement, after: &Judgement) -> (bool, String) {
     let residuals = (before.depth_residual_mm, after.depth_residual_mm);
     let (Some(residual_before), Some(residual_after)) = residuals else {
-        return (false, "no depth lies on the fused surface: the start stands".to_owned());
+        return (
+            false,
+            "no depth lies on the fused surface: the start stands".to_owned(),
+        );
     };
     let depth = format!("depth residual {residual_before:.3} to {residual_after:.3} mm");
     if let (Some(flow_before), Some(flow_after)) = (before.flow_px, after.flow_px) {
@@ -294,9 +314,15 @@ fn verdict(before: &Judgement, after: &Judgement) -> (bool, String) {
         };
     }
     if residual_after <= LEAST_RESIDUAL_GAIN * residual_before {
-        (true, format!("{depth}, no texture to measure flow by: the refined poses are used"))
+        (
+            true,
+            format!("{depth}, no texture to measure flow by: the refined poses are used"),
+        )
     } else {
-        (false, format!("{depth}, no texture to measure flow by: the start stands"))
+        (
+            false,
+            format!("{depth}, no texture to measure flow by: the start stands"),
+        )
     }
 }
 

@@ -49,7 +49,9 @@ pub(super) struct Solved {
 pub(super) fn solve(start: &[Pose], edges: &[Edge]) -> Solved {
     let mut poses = start.to_vec();
     let loops = edges.iter().filter(|edge| edge.is_loop);
-    let worst = loops.map(|edge| square(edge, &error(edge, &poses))).fold(0.0, f64::max);
+    let worst = loops
+        .map(|edge| square(edge, &error(edge, &poses)))
+        .fold(0.0, f64::max);
     let mut scale = worst.max(OUTLIER_SQUARE);
     for _ in 0..STEPS {
         let Some(steps) = step(&poses, edges, scale) else {
@@ -125,7 +127,10 @@ fn step(poses: &[Pose], edges: &[Edge], scale: f64) -> Option<Vec<f64>> {
         if let Some(from) = edge.from.checked_sub(1) {
             let transposed = transpose(&adjoint);
             matrix.add(from, from, &matrix_product(&transposed, &through));
-            for (sum, value) in gradient[6 * from..].iter_mut().zip(product(&transposed, &pulled)) {
+            for (sum, value) in gradient[6 * from..]
+                .iter_mut()
+                .zip(product(&transposed, &pulled))
+            {
                 *sum -= value;
             }
             if let Some(to) = edge.to.checked_sub(1) {
@@ -180,7 +185,13 @@ mod tests {
 
     fn information(sigma: f64) -> [[f64; 6]; 6] {
         std::array::from_fn(|row| {
-            std::array::from_fn(|column| if row == column { 1.0 / (sigma * sigma) } else { 0.0 })
+            std::array::from_fn(|column| {
+                if row == column {
+                    1.0 / (sigma * sigma)
+                } else {
+                    0.0
+                }
+            })
         })
     }
 

@@ -50,7 +50,9 @@ pub(super) fn round(
         model.predict(&camera, &pose, &mut view);
         let grey = frame.photograph.as_ref().map(|photograph| &photograph.grey);
         let aligned = align(&frame.points, &view, grey, &Pose::IDENTITY, pairing);
-        Ok(aligned.filter(stands).map(|aligned| pose * aligned.view_from_live))
+        Ok(aligned
+            .filter(stands)
+            .map(|aligned| pose * aligned.view_from_live))
     })?;
     let kept_count = found.iter().filter(|pose| pose.is_none()).count();
     let mut after: Vec<Pose> = found
@@ -59,8 +61,12 @@ pub(super) fn round(
         .map(|(found, before)| found.unwrap_or(*before))
         .collect();
     regauge(&before, &mut after);
-    let shifts: Vec<f64> = pairs(&before, &after).map(|(b, a)| (b.translation() - a.translation()).length()).collect();
-    let turns: Vec<f64> = pairs(&before, &after).map(|(b, a)| angle_between(b.rotation(), a.rotation())).collect();
+    let shifts: Vec<f64> = pairs(&before, &after)
+        .map(|(b, a)| (b.translation() - a.translation()).length())
+        .collect();
+    let turns: Vec<f64> = pairs(&before, &after)
+        .map(|(b, a)| angle_between(b.rotation(), a.rotation()))
+        .collect();
     for (frame, pose) in frames.iter_mut().zip(after) {
         frame.world_from_camera = pose;
     }
@@ -72,10 +78,7 @@ pub(super) fn round(
     })
 }
 
-fn pairs<'a>(
-    before: &'a [Pose],
-    after: &'a [Pose],
-) -> impl Iterator<Item = (&'a Pose, &'a Pose)> {
+fn pairs<'a>(before: &'a [Pose], after: &'a [Pose]) -> impl Iterator<Item = (&'a Pose, &'a Pose)> {
     before.iter().zip(after)
 }
 

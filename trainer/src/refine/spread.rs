@@ -44,7 +44,11 @@ impl Corrections {
     fn at(&self, place: f64) -> Option<Correction> {
         let after = self.places.partition_point(|known| *known < place);
         let high = after.min(self.places.len().checked_sub(1)?);
-        let low = if after > high { high } else { after.saturating_sub(1) };
+        let low = if after > high {
+            high
+        } else {
+            after.saturating_sub(1)
+        };
         let (low_place, high_place) = (self.places[low], self.places[high]);
         let width = high_place - low_place;
         let share = if width > 0.0 {
@@ -76,7 +80,9 @@ pub(super) fn between_keyframes(
         .map(|(position, frame)| ActiveFrame {
             world_from_camera: corrections
                 .at(position as f64)
-                .map_or(frame.world_from_camera, |c| c.apply(&frame.world_from_camera)),
+                .map_or(frame.world_from_camera, |c| {
+                    c.apply(&frame.world_from_camera)
+                }),
             ..*frame
         })
         .collect()
@@ -93,7 +99,10 @@ pub(super) fn corrected(
         .zip(after)
         .map(|(b, a)| (b.index, b.world_from_camera, a.world_from_camera))
         .collect();
-    let places: Vec<(usize, Pose)> = frames.iter().map(|f| (f.index, f.world_from_camera)).collect();
+    let places: Vec<(usize, Pose)> = frames
+        .iter()
+        .map(|f| (f.index, f.world_from_camera))
+        .collect();
     transferred(&known, &places)
 }
 

@@ -14,9 +14,7 @@ use crate::run_folder::{Manifest, RunFolder};
 use crate::stages::geometry::GeometrySummary;
 use crate::stages::linear::LinearSummary;
 use crate::stages::observe::ColorView;
-use crate::stages::poses::{
-    PosesSummary, SUMMARY_FILE, poses_of_run, training_frames_at,
-};
+use crate::stages::poses::{PosesSummary, SUMMARY_FILE, poses_of_run, training_frames_at};
 use crate::train::{CONFIDENCE_FILE, ObjectSummary, SRM_FILE, TrainConfig};
 
 /// Confidence from which a texel is shown in the picture of everything reached.
@@ -123,7 +121,10 @@ fn room(folder: &RunFolder, linear: &LinearSummary) -> anyhow::Result<Markup> {
 fn inputs(folder: &RunFolder, config: &TrainConfig, model: &Model) -> anyhow::Result<Markup> {
     let recording =
         Recording::open(&config.recording).context("the report shows frames of the recording")?;
-    let frames = training_frames_at(&recording, &poses_of_run(folder, &recording, &config.poses)?);
+    let frames = training_frames_at(
+        &recording,
+        &poses_of_run(folder, &recording, &config.poses)?,
+    );
     let mut shown = Vec::new();
     for part in 0..4 {
         let frame = frames[part * (frames.len() - 1) / 3];
@@ -150,7 +151,10 @@ fn shape(
 ) -> anyhow::Result<Markup> {
     let recording = Recording::open(&config.recording)?;
     let view = ColorView::new(&recording);
-    let frames = training_frames_at(&recording, &poses_of_run(folder, &recording, &config.poses)?);
+    let frames = training_frames_at(
+        &recording,
+        &poses_of_run(folder, &recording, &config.poses)?,
+    );
     let middle = frames[frames.len() / 2];
     let eye = view
         .surface_from_color(&model.surface, &middle.world_from_camera)

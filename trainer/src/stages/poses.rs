@@ -85,7 +85,9 @@ pub fn run(
     progress: &Progress,
 ) -> anyhow::Result<Vec<PosedFrame>> {
     let started_from = if set == REFINED {
-        let known = STARTS.into_iter().find(|set| recording.poses(set).is_some());
+        let known = STARTS
+            .into_iter()
+            .find(|set| recording.poses(set).is_some());
         known.ok_or(Refusal::NoStart)?
     } else {
         set
@@ -127,11 +129,17 @@ pub fn poses_of_run(
     let mut poses = vec![None; recording.frame_count()];
     for stored in stored {
         let [x, y, z, w] = stored.rotation;
-        let pose = Pose::new(DQuat::from_xyzw(x, y, z, w), DVec3::from(stored.translation))
-            .with_context(|| format!("{REFINED_FILE} holds no pose for frame {}", stored.frame))?;
+        let pose = Pose::new(
+            DQuat::from_xyzw(x, y, z, w),
+            DVec3::from(stored.translation),
+        )
+        .with_context(|| format!("{REFINED_FILE} holds no pose for frame {}", stored.frame))?;
         let place = poses.get_mut(stored.frame);
         *place.with_context(|| {
-            format!("{REFINED_FILE} names frame {}, which the recording lacks", stored.frame)
+            format!(
+                "{REFINED_FILE} names frame {}, which the recording lacks",
+                stored.frame
+            )
         })? = Some(pose);
     }
     Ok(poses)
@@ -205,7 +213,9 @@ fn summary_of(
             continue;
         }
         let number = (index < recording.frame_count()).then(|| number_of(recording, index));
-        let state = number.and_then(Result::ok).and_then(|number| states.get(&number));
+        let state = number
+            .and_then(Result::ok)
+            .and_then(|number| states.get(&number));
         match state {
             Some(PoseState::Lost) => summary.lost_count += 1,
             Some(_) => summary.other_map_count += 1,

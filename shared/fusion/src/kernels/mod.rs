@@ -1,5 +1,6 @@
 //! Vectorised inner loops with a scalar specification each. The only place with `unsafe`.
 
+pub(crate) mod field;
 pub mod icp;
 pub mod integrate;
 pub(crate) mod prefetch;

@@ -231,9 +231,24 @@ impl LiveFusion {
         self.last.as_ref()
     }
 
+    /// Bytes that all maps hold; [`crate::VolumeConfig::memory_limit_bytes`] bounds them together.
+    pub fn memory_bytes(&self) -> usize {
+        self.maps.iter().map(|map| map.volume.memory_bytes()).sum()
+    }
+
+    /// What the model looked like for the last alignment.
+    pub fn view(&self) -> &ModelView {
+        &self.view
+    }
+
     /// The surface of the map at hand.
     pub fn volume(&self) -> &Volume {
         &self.maps[self.map].volume
+    }
+
+    /// The surface of the map with this id, as [`Tracked::map`] names it.
+    pub fn map_volume(&self, map: u32) -> Option<&Volume> {
+        self.maps.get(map as usize).map(|map| &map.volume)
     }
 
     fn follow(&mut self, time_nanos: i64, effort: Effort) -> Tracked {

@@ -4,6 +4,10 @@ use geometry::Pose;
 
 use super::{Effort, LiveFusion, Motion, Phase, Tracked};
 use crate::tracking::{Alignment, IcpInput, TrackState, thumbnail};
+use crate::volume::Volume;
+
+/// Memory without which no other world begins.
+const LEAST_MAP_BYTES: usize = 64 << 20;
 
 impl LiveFusion {
     /// A lost frame: tried from where the camera was lost, then from the keyframes that look most alike.
@@ -33,20 +37,47 @@ impl LiveFusion {
         }
         self.alike = alike;
         if let Some((alignment, map, pose)) = best {
-            self.map = map;
+            self.enter(map);
             self.view.world_from_camera = pose;
             return self.recognise(&alignment, time_nanos, false);
         }
         self.phase = Phase::Lost(count + 1);
-        if count + 1 >= self.config.new_map_after
-            && let Ok(volume) = crate::volume::Volume::new(self.config.volume.clone())
-        {
-            self.maps.push(super::Map { volume });
-            self.map = self.maps.len() - 1;
+        if count + 1 >= self.config.new_map_after && self.begin_map() {
             self.phase = Phase::Empty;
             return self.track(time_nanos, effort);
         }
         self.lose(time_nanos)
+    }
+
+    /// Begins another world, if memory is left for one; the limit of the volume holds for all worlds together.
+    fn begin_map(&mut self) -> bool {
+        if self.free_bytes(self.maps.len()) < LEAST_MAP_BYTES {
+            return false;
+        }
+        let Ok(volume) = Volume::new(self.config.volume.clone()) else {
+            return false;
+        };
+        self.maps.push(super::Map { volume });
+        self.enter(self.maps.len() - 1);
+        true
+    }
+
+    /// Goes on in a map, which may grow by what the others leave.
+    fn enter(&mut self, map: usize) {
+        self.map = map;
+        let bytes = self.free_bytes(map);
+        self.maps[map].volume.set_memory_limit(bytes);
+    }
+
+    /// What the limit leaves for a map.
+    fn free_bytes(&self, map: usize) -> usize {
+        let others = self
+            .maps
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| *index != map);
+        let held: usize = others.map(|(_, other)| other.volume.memory_bytes()).sum();
+        self.config.volume.memory_limit_bytes.saturating_sub(held)
     }
 
     /// Alignment with the view of a keyframe; `None` unless it stands up.

@@ -4,7 +4,8 @@ use glam::Vec3A;
 
 use super::allocate::whole_below;
 use super::key::{BLOCK_EDGE, BLOCK_SHIFT};
-use super::sampler::{FieldSample, Sampler};
+use super::sampler::Sampler;
+use crate::kernels::field::FieldSample;
 use crate::kernels::integrate::Block;
 use crate::kernels::prefetch::prefetch;
 
@@ -18,7 +19,7 @@ const CROSSING_SLACK: f32 = 4.0;
 /// Correction, in voxels, below which the next one would not show.
 const SMALL_CORRECTION: f32 = 0.25;
 /// Most corrections of a crossing.
-const MOST_CORRECTIONS: usize = 4;
+pub(super) const MOST_CORRECTIONS: usize = 4;
 /// Slope, in truncations per voxel times truncation voxels, below which it says nothing (D15).
 const LEAST_GRADIENT: f32 = 1e-3;
 
@@ -49,8 +50,8 @@ impl Ray {
     pub(super) fn at(&self, z: f32) -> Vec3A {
         self.eye + z * self.slope
     }
-}
-impl Ray {
+
+    #[inline]
     pub(super) fn new(eye: Vec3A, slope: Vec3A) -> Self {
         Self {
             eye,
@@ -116,16 +117,19 @@ impl<'a> Walk<'a> {
                     self.before = Some(here);
                 } else if let Some(before) = self.before.take() {
                     let guess = crossing(before, here);
-                    sampler.fetch(self.ray.at(guess));
+                    sampler.neighbourhood(self.ray.at(guess)).fetch();
                     self.next = Next::Crossing([before, here]);
                     return Turn::Ahead;
                 }
             }
             Next::Crossing([before, behind]) => {
                 let slack = CROSSING_SLACK * self.ray.z_per_voxel;
-                let limits = [before.0 - slack, behind.0 + slack];
-                let guess = crossing(before, behind);
-                if let Some((z, sample)) = refine(sampler, &self.ray, march, guess, limits) {
+                let approach = Approach {
+                    ray: self.ray,
+                    z: crossing(before, behind),
+                    limits: [before.0 - slack, behind.0 + slack],
+                };
+                if let Some((z, sample)) = approach.arrive(sampler, march) {
                     return Turn::Surface(z, sample);
                 }
             }
@@ -173,33 +177,72 @@ fn way_out_of_block(point: Vec3A, ray: &Ray) -> f32 {
     (ahead / direction.abs()).min_element()
 }
 
-/// Moves a crossing from `guess` to the zero of the trilinear field, within `limits`; `None` when it is no
-/// surface.
-pub(super) fn refine(
-    sampler: &mut Sampler<'_>,
-    ray: &Ray,
-    march: &March,
-    guess: f32,
-    [low, high]: [f32; 2],
-) -> Option<(f32, FieldSample)> {
-    let mut z = guess;
-    for _ in 0..MOST_CORRECTIONS {
-        let sample = sampler.sample(ray.at(z), march.min_weight)?;
+/// A place near a crossing, on its way to the zero of the trilinear field.
+#[derive(Clone, Copy)]
+pub(super) struct Approach {
+    pub(super) ray: Ray,
+    /// Where it is, metres of z.
+    pub(super) z: f32,
+    /// Where it may go.
+    pub(super) limits: [f32; 2],
+}
+
+/// What a correction came to.
+pub(super) enum Corrected {
+    /// The next one would not show.
+    Arrived,
+    /// There is more to correct.
+    Ahead,
+    /// This is no surface.
+    Astray,
+}
+
+impl Approach {
+    /// Nowhere.
+    pub(super) const NONE: Self = Self {
+        ray: Ray {
+            eye: Vec3A::ZERO,
+            slope: Vec3A::ZERO,
+            z_per_voxel: 0.0,
+        },
+        z: 0.0,
+        limits: [0.0; 2],
+    };
+
+    /// Moves by one Newton step from `sample`, the field at where it is.
+    #[inline]
+    pub(super) fn correct(&mut self, sample: &FieldSample, march: &March) -> Corrected {
         let gradient = sample.gradient;
         // Change of the value per metre of z: falls where the ray enters a surface.
-        let fall = -gradient.dot(ray.slope);
+        let fall = -gradient.dot(self.ray.slope);
         let is_slope = gradient.length() * march.truncation_voxels > LEAST_GRADIENT;
-        if !(fall > 0.0) || !is_slope {
-            return None;
+        if !(fall > 0.0) || !is_slope || !(sample.weight > 0.0) {
+            return Corrected::Astray;
         }
-        let correction = (sample.tsdf / fall).clamp(-2.0 * ray.z_per_voxel, 2.0 * ray.z_per_voxel);
-        z += correction;
-        if !(z >= low && z <= high) {
-            return None;
-        }
-        if correction.abs() < SMALL_CORRECTION * ray.z_per_voxel {
-            return Some((z, sample));
+        let longest = 2.0 * self.ray.z_per_voxel;
+        let correction = (sample.tsdf / fall).clamp(-longest, longest);
+        self.z += correction;
+        if !(self.z >= self.limits[0] && self.z <= self.limits[1]) {
+            Corrected::Astray
+        } else if correction.abs() < SMALL_CORRECTION * self.ray.z_per_voxel {
+            Corrected::Arrived
+        } else {
+            Corrected::Ahead
         }
     }
-    None
+
+    /// Depth and field of the zero; `None` when it is no surface.
+    fn arrive(mut self, sampler: &mut Sampler<'_>, march: &March) -> Option<(f32, FieldSample)> {
+        let mut sample = [FieldSample::NONE];
+        for _ in 0..MOST_CORRECTIONS {
+            let point = sampler.neighbourhood(self.ray.at(self.z));
+            sampler.sample_all(&[point], march.min_weight, &mut sample);
+            match self.correct(&sample[0], march) {
+                Corrected::Arrived => return Some((self.z, sample[0])),
+                Corrected::Ahead => {}
+                Corrected::Astray => return None,
+            }
+        }
+        None
+    }
 }

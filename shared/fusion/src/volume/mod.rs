@@ -121,6 +121,11 @@ impl Volume {
         self.store.bytes() + self.buffer_bytes()
     }
 
+    /// Sets [`VolumeConfig::memory_limit_bytes`] anew; what is there stays.
+    pub fn set_memory_limit(&mut self, bytes: usize) {
+        self.config.memory_limit_bytes = bytes;
+    }
+
     /// Fuses one depth image.
     ///
     /// `depth`: metres along z, row-major, one value per pixel of `camera`; 0 and non-finite mean no

@@ -6,9 +6,10 @@ use rayon::prelude::*;
 
 use super::Volume;
 use super::key::BLOCK_EDGE;
-use super::march::{March, Ray, Turn, Walk, refine};
+use super::march::{Approach, Corrected, MOST_CORRECTIONS, March, Ray, Turn, Walk};
 use super::ranges::{TILE, Tiles};
-use super::sampler::{FieldSample, Sampler};
+use super::sampler::Sampler;
+use crate::kernels::field::{FieldSample, Neighbourhood};
 use crate::model_view::{DepthRange, ModelView, Surfel};
 
 #[cfg(test)]
@@ -17,7 +18,14 @@ mod tests;
 /// Rows of tiles of one parallel task. Each pixel is computed by itself, so tasks do not show in the result.
 const BAND_TILES: usize = 8;
 /// Every so many columns and rows a pixel is marched; those between start from them.
-const GRID: usize = 2;
+const COARSEST: usize = 4;
+/// The finer grids, each from the one before.
+const GRIDS: [usize; 2] = [2, 1];
+/// Truncations of room between the nearest that a tile may hold and a surface that is guessed in it: with more,
+/// something narrow may stand before it.
+const MOST_FREE: f32 = 2.0;
+/// Most walks that take turns.
+const WALKS: usize = 32;
 /// Columns that are predicted together.
 const STRIP: usize = 16;
 
@@ -77,17 +85,7 @@ impl Volume {
                     width,
                     has_color: self.has_color(),
                 };
-                // Strip by strip, so that the sampler meets the same blocks again. Pixels between those of a
-                // strip's grid look at the first of the next.
-                let strip_count = width.div_ceil(STRIP);
-                for strip in 0..=strip_count {
-                    if strip < strip_count {
-                        band.march_strip(strip * STRIP, ranges, surfels);
-                    }
-                    if strip > 0 {
-                        band.fill_strip((strip - 1) * STRIP, ranges, surfels);
-                    }
-                }
+                band.predict(ranges, surfels);
             });
     }
 
@@ -103,7 +101,7 @@ impl Volume {
     }
 }
 
-/// A row of tiles.
+/// A few rows of tiles.
 struct Band<'a> {
     sampler: Sampler<'a>,
     rays: &'a VoxelRays,
@@ -114,101 +112,182 @@ struct Band<'a> {
 }
 
 impl<'a> Band<'a> {
-    /// Predicts every second pixel of every second row of the strip from column `left`.
+    /// Predicts the band's pixels.
     ///
-    /// The rays of a row take turns: each asks for the voxel that it needs next and looks at it a turn later,
-    /// because a march is a chain of reads that each wait for memory.
+    /// Strip by strip, so that the sampler meets the same blocks again; pixels look at the first column of the
+    /// strip behind, so each finer grid follows a strip later.
+    fn predict(&mut self, ranges: &[DepthRange], surfels: &mut [Surfel]) {
+        let strip_count = self.width.div_ceil(STRIP);
+        for strip in 0..strip_count + GRIDS.len() {
+            if strip < strip_count {
+                self.march_strip(strip * STRIP, ranges, surfels);
+            }
+            for (lag, &grid) in (1..).zip(&GRIDS) {
+                if let Some(behind) = strip.checked_sub(lag).filter(|&s| s < strip_count) {
+                    self.fill_strip(behind * STRIP, grid, ranges, surfels);
+                }
+            }
+        }
+    }
+
+    /// Marches along the rays of the coarsest grid in the strip from column `left`.
     fn march_strip(&mut self, left: usize, ranges: &[DepthRange], surfels: &mut [Surfel]) {
         let right = (left + STRIP).min(self.width);
-        for y in (0..surfels.len() / self.width).step_by(GRID) {
-            let mut walks = [const { None }; STRIP / GRID];
-            for (walk, x) in walks.iter_mut().zip((left..right).step_by(GRID)) {
-                surfels[y * self.width + x] = Surfel::NONE;
-                *walk = self.start((x, y), ranges);
+        let mut walks = Walks::new();
+        for y in (0..surfels.len() / self.width).step_by(COARSEST) {
+            for x in (left..right).step_by(COARSEST) {
+                self.set_off((x, y), ranges, &mut walks, surfels);
             }
-            let mut is_walking = true;
-            while is_walking {
-                is_walking = false;
-                for slot in &mut walks {
-                    let Some(walk) = slot else { continue };
-                    match walk.turn(&mut self.sampler, &self.march) {
-                        Turn::Ahead => is_walking = true,
-                        Turn::Past => *slot = None,
-                        Turn::Surface(z, sample) => {
-                            let (x, y) = walk.pixel;
-                            surfels[y * self.width + x] = self.surfel(walk, z, &sample);
-                            *slot = None;
-                        }
+        }
+        self.walk(&mut walks, surfels);
+    }
+
+    /// Adds a walk for a pixel, after all of them when there is no more room.
+    fn set_off(
+        &mut self,
+        pixel: (usize, usize),
+        ranges: &[DepthRange],
+        walks: &mut Walks<'a>,
+        surfels: &mut [Surfel],
+    ) {
+        surfels[pixel.1 * self.width + pixel.0] = Surfel::NONE;
+        let Some(walk) = self.start(pixel, ranges) else {
+            return;
+        };
+        if walks.count == walks.all.len() {
+            self.walk(walks, surfels);
+        }
+        walks.all[walks.count] = Some(walk);
+        walks.count += 1;
+    }
+
+    /// Goes all walks to their ends.
+    ///
+    /// They take turns: each asks for the voxel that it needs next and looks at it a turn later, because a march
+    /// is a chain of reads that each wait for memory.
+    fn walk(&mut self, walks: &mut Walks<'a>, surfels: &mut [Surfel]) {
+        let mut is_walking = walks.count > 0;
+        while is_walking {
+            is_walking = false;
+            for slot in &mut walks.all[..walks.count] {
+                let Some(walk) = slot else { continue };
+                match walk.turn(&mut self.sampler, &self.march) {
+                    Turn::Ahead => is_walking = true,
+                    Turn::Past => *slot = None,
+                    Turn::Surface(z, sample) => {
+                        let (x, y) = walk.pixel;
+                        surfels[y * self.width + x] =
+                            self.surfel(walk.pixel, &walk.ray, z, &sample);
+                        *slot = None;
                     }
                 }
             }
         }
+        walks.count = 0;
     }
 
-    /// Predicts the pixels between those that were marched: where those around one agree, it starts at their
-    /// depth, else it is marched too. So a thing is missed only if it is narrower than two pixels.
-    fn fill_strip(&mut self, left: usize, ranges: &[DepthRange], surfels: &mut [Surfel]) {
+    /// Predicts the pixels of a grid of the strip that are not of the grid twice as coarse: where those around
+    /// one agree, it starts at their depth, else it is marched too.
+    fn fill_strip(
+        &mut self,
+        left: usize,
+        grid: usize,
+        ranges: &[DepthRange],
+        surfels: &mut [Surfel],
+    ) {
         let right = (left + STRIP).min(self.width);
-        for y in 0..surfels.len() / self.width {
-            let mut guesses = [None; STRIP];
-            for (guess, x) in guesses.iter_mut().zip(left..right) {
-                if x % GRID != 0 || y % GRID != 0 {
-                    *guess = self.guess((x, y), surfels);
-                }
-                if let Some(z) = *guess {
-                    self.sampler.fetch(self.ray((x, y)).at(z));
+        let mut walks = Walks::new();
+        for y in (0..surfels.len() / self.width).step_by(grid) {
+            let is_between = y % (2 * grid) != 0;
+            let (from, step) = if is_between {
+                (left, grid)
+            } else {
+                (left + grid, 2 * grid)
+            };
+            let mut guesses = Guesses::new();
+            for x in (from..right).step_by(step) {
+                match self.guess((x, y), grid, ranges, surfels) {
+                    Some(guess) => guesses.push(x, guess, &mut self.sampler),
+                    None => self.set_off((x, y), ranges, &mut walks, surfels),
                 }
             }
-            for (guess, x) in guesses.into_iter().zip(left..right) {
-                if x % GRID != 0 || y % GRID != 0 {
-                    surfels[y * self.width + x] = self.fill((x, y), guess, ranges);
+            self.refine(y, guesses, ranges, &mut walks, surfels);
+        }
+        self.walk(&mut walks, surfels);
+    }
+
+    /// Follows guesses of row `y` to the surface; those that find none are marched.
+    fn refine(
+        &mut self,
+        y: usize,
+        mut guesses: Guesses<'a>,
+        ranges: &[DepthRange],
+        walks: &mut Walks<'a>,
+        surfels: &mut [Surfel],
+    ) {
+        let mut samples = [FieldSample::NONE; STRIP];
+        for _ in 0..MOST_CORRECTIONS {
+            let count = guesses.count;
+            let points = &guesses.points[..count];
+            self.sampler
+                .sample_all(points, self.march.min_weight, &mut samples);
+            guesses.count = 0;
+            for number in 0..count {
+                let (x, mut approach) = guesses.all[number];
+                match approach.correct(&samples[number], &self.march) {
+                    Corrected::Arrived => {
+                        surfels[y * self.width + x] =
+                            self.surfel((x, y), &approach.ray, approach.z, &samples[number]);
+                    }
+                    Corrected::Ahead => guesses.push(x, approach, &mut self.sampler),
+                    Corrected::Astray => self.set_off((x, y), ranges, walks, surfels),
                 }
             }
+        }
+        for &(x, _) in &guesses.all[..guesses.count] {
+            self.set_off((x, y), ranges, walks, surfels);
         }
     }
 
-    /// Mean depth of the marched pixels around one, where all see surface within a truncation.
-    fn guess(&self, (x, y): (usize, usize), surfels: &[Surfel]) -> Option<f32> {
-        let (before_x, behind_x) = (x - x % GRID, x + x % GRID);
-        let (before_y, behind_y) = (y - y % GRID, y + y % GRID);
-        if behind_x >= self.width || behind_y * self.width >= surfels.len() {
-            return None;
-        }
-        let corners = [
-            (before_x, before_y),
-            (behind_x, before_y),
-            (before_x, behind_y),
-            (behind_x, behind_y),
-        ];
-        let around = corners.map(|(x, y)| &surfels[y * self.width + x]);
-        let depths = around.map(|surfel| surfel.position[2]);
-        let least = depths.into_iter().fold(f32::INFINITY, f32::min);
-        let most = depths.into_iter().fold(0.0, f32::max);
-        let agrees = most - least < self.march.truncation;
-        (around.iter().all(|surfel| surfel.is_surface()) && agrees)
-            .then(|| 0.25 * depths.iter().sum::<f32>())
-    }
-
-    /// The surfel of a pixel from a guess of its depth, or by a march.
-    fn fill(&mut self, pixel: (usize, usize), guess: Option<f32>, ranges: &[DepthRange]) -> Surfel {
-        if let Some(guess) = guess {
-            let ray = self.ray(pixel);
-            let reach = self.march.truncation;
-            let limits = [guess - reach, guess + reach];
-            if let Some((z, sample)) = refine(&mut self.sampler, &ray, &self.march, guess, limits) {
-                return self.surfel(&Walk::at(ray, pixel), z, &sample);
-            }
-        }
-        let Some(mut walk) = self.start(pixel, ranges) else {
-            return Surfel::NONE;
+    /// Mean depth of the pixels of the coarser grid around one, where all see surface within a truncation and
+    /// no other can lie far in front of it.
+    fn guess(
+        &self,
+        (x, y): (usize, usize),
+        grid: usize,
+        ranges: &[DepthRange],
+        surfels: &[Surfel],
+    ) -> Option<Approach> {
+        // Behind the last pixel of a row or column of the grid, the one before is all there is.
+        let around = |place: usize, size: usize| {
+            let (before, off) = (place / (2 * grid) * (2 * grid), place % (2 * grid));
+            let behind = before + 2 * off;
+            (before, if behind < size { behind } else { before })
         };
-        loop {
-            match walk.turn(&mut self.sampler, &self.march) {
-                Turn::Ahead => {}
-                Turn::Past => return Surfel::NONE,
-                Turn::Surface(z, sample) => return self.surfel(&walk, z, &sample),
-            }
-        }
+        let (before_x, behind_x) = around(x, self.width);
+        let (before_y, behind_y) = around(y, surfels.len() / self.width);
+        let corners = [
+            before_y * self.width + before_x,
+            before_y * self.width + behind_x,
+            behind_y * self.width + before_x,
+            behind_y * self.width + behind_x,
+        ];
+        // No surface has depth 0.
+        let depths = corners.map(|corner| surfels[corner].position[2]);
+        let least = depths[0].min(depths[1]).min(depths[2].min(depths[3]));
+        let most = depths[0].max(depths[1]).max(depths[2].max(depths[3]));
+        let reach = self.march.truncation;
+        let z = 0.25 * (depths[0] + depths[1] + (depths[2] + depths[3]));
+        let free = z - self.range((x, y), ranges).nearest;
+        (least > 0.0 && most - least < reach && free < MOST_FREE * reach).then(|| Approach {
+            ray: self.ray((x, y)),
+            z,
+            limits: [z - reach, z + reach],
+        })
+    }
+
+    fn range<'r>(&self, (x, y): (usize, usize), ranges: &'r [DepthRange]) -> &'r DepthRange {
+        &ranges[y / TILE * self.width.div_ceil(TILE) + x / TILE]
     }
 
     fn ray(&self, (x, y): (usize, usize)) -> Ray {
@@ -218,21 +297,66 @@ impl<'a> Band<'a> {
 
     /// A walk along a pixel's ray through the range of its tile; `None` without a block on the way.
     fn start(&mut self, pixel: (usize, usize), ranges: &[DepthRange]) -> Option<Walk<'a>> {
-        let tile_columns = self.width.div_ceil(TILE);
-        let range = &ranges[pixel.1 / TILE * tile_columns + pixel.0 / TILE];
+        let range = self.range(pixel, ranges);
         let mut walk = Walk::at(self.ray(pixel), pixel);
         walk.z = range.nearest.max(self.march.nearest);
         walk.farthest = range.farthest.min(self.march.farthest);
         walk.seek(&mut self.sampler).then_some(walk)
     }
 
-    fn surfel(&mut self, walk: &Walk<'_>, z: f32, sample: &FieldSample) -> Surfel {
-        let (x, y) = walk.pixel;
+    fn surfel(
+        &mut self,
+        (x, y): (usize, usize),
+        ray: &Ray,
+        z: f32,
+        sample: &FieldSample,
+    ) -> Surfel {
         let mut surfel = self.rays.surfel(x, self.first_row + y, z, sample);
         if self.has_color {
-            surfel.grey = self.sampler.luminance(walk.ray.at(z));
+            surfel.grey = self.sampler.luminance(ray.at(z));
         }
         surfel
+    }
+}
+
+/// Walks that take turns.
+struct Walks<'a> {
+    all: [Option<Walk<'a>>; WALKS],
+    count: usize,
+}
+
+impl Walks<'_> {
+    fn new() -> Self {
+        Self {
+            all: [const { None }; WALKS],
+            count: 0,
+        }
+    }
+}
+
+/// Guesses of a row of a strip, with their columns and the voxels about them.
+struct Guesses<'a> {
+    all: [(usize, Approach); STRIP],
+    points: [Neighbourhood<'a>; STRIP],
+    count: usize,
+}
+
+impl<'a> Guesses<'a> {
+    fn new() -> Self {
+        Self {
+            all: [(0, Approach::NONE); STRIP],
+            points: [Neighbourhood::NONE; STRIP],
+            count: 0,
+        }
+    }
+
+    /// Adds a guess and asks for its voxels.
+    fn push(&mut self, x: usize, guess: Approach, sampler: &mut Sampler<'a>) {
+        let point = sampler.neighbourhood(guess.ray.at(guess.z));
+        point.fetch();
+        self.all[self.count] = (x, guess);
+        self.points[self.count] = point;
+        self.count += 1;
     }
 }
 

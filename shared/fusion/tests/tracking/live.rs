@@ -1,8 +1,8 @@
 //! Frame after frame: lost, found, new worlds, weak axes, threads.
 
+use fusion::VolumeConfig;
 use fusion::live::{Effort, LiveConfig, LiveFusion, LiveRig, Tracked};
 use fusion::tracking::TrackState;
-use fusion::VolumeConfig;
 use geometry::{DVec3, Pose};
 use imaging::DepthImage;
 
@@ -68,8 +68,7 @@ impl Player {
 
 fn is_right(tracked: &Tracked, truth: &Pose) -> bool {
     let error = truth.inverse() * tracked.world_from_camera;
-    error.translation().length() < 0.01
-        && geometry::rotation::log(error.rotation()).length() < 0.02
+    error.translation().length() < 0.01 && geometry::rotation::log(error.rotation()).length() < 0.02
 }
 
 #[test]
@@ -78,7 +77,10 @@ fn a_swing_through_a_room_is_followed() {
     for frame in 0..40 {
         let tracked = player.see(&swing(frame));
         assert_eq!(tracked.state, TrackState::Ok, "frame {frame}");
-        assert!(is_right(&tracked, &swing(frame)), "frame {frame}: {tracked:?}");
+        assert!(
+            is_right(&tracked, &swing(frame)),
+            "frame {frame}: {tracked:?}"
+        );
         assert!(tracked.covariance.is_some());
     }
 }
@@ -96,7 +98,11 @@ fn a_covered_lens_is_lost_and_known_ground_is_found_again() {
         assert_eq!(tracked.state, TrackState::Lost);
         assert_eq!(tracked.covariance, None);
     }
-    assert_eq!(player.live.volume().block_count(), blocks, "nothing was fused");
+    assert_eq!(
+        player.live.volume().block_count(),
+        blocks,
+        "nothing was fused"
+    );
     // Back at frame 5, far from where it was lost.
     let states: Vec<Tracked> = (5..15).map(|frame| player.see(&swing(frame))).collect();
     let found = states.iter().position(|t| t.state == TrackState::Ok);
@@ -118,7 +124,9 @@ fn a_camera_that_finds_no_way_back_begins_another_world() {
     }
     // A ball alone, as nothing in the room.
     let elsewhere = |_: u32| shapes::depth(shapes::SPHERE, &shapes::camera(), &Pose::IDENTITY);
-    let states: Vec<Tracked> = (0..12).map(|frame| player.play(&elsewhere(frame))).collect();
+    let states: Vec<Tracked> = (0..12)
+        .map(|frame| player.play(&elsewhere(frame)))
+        .collect();
     assert!(states[..5].iter().all(|t| t.state == TrackState::Lost));
     assert_eq!(states[11].map, 1, "{:?}", states[11]);
     assert_ne!(states[11].state, TrackState::Lost);
@@ -144,7 +152,10 @@ fn a_wall_alone_is_weak_and_says_where() {
     assert!((at.z - 0.002).abs() < 5e-4 && at.x.abs() < 1e-6 && at.y.abs() < 1e-6);
     let covariance = tracked.covariance.expect("a pose");
     // Sliding right is unsure by a centimetre, depth by less than a millimetre.
-    assert!(covariance[15] > 5e-5 && covariance[20] < 1e-6, "{covariance:?}");
+    assert!(
+        covariance[15] > 5e-5 && covariance[20] < 1e-6,
+        "{covariance:?}"
+    );
 }
 
 #[test]
@@ -160,4 +171,46 @@ fn one_and_two_workers_give_the_same_bits() {
         })
     };
     assert_eq!(poses_with(1), poses_with(2));
+}
+
+fn bounded(limit: usize) -> LiveConfig {
+    LiveConfig {
+        new_map_after: 3,
+        volume: VolumeConfig {
+            memory_limit_bytes: limit,
+            ..config().volume
+        },
+        ..config()
+    }
+}
+
+/// A room, then a ball that is nowhere in it.
+fn room_and_ball(config: LiveConfig) -> (Player, usize, Tracked) {
+    let mut player = Player::new(config);
+    for frame in 0..3 {
+        player.see(&swing(frame));
+    }
+    let held = player.live.memory_bytes();
+    let ball = shapes::depth(shapes::SPHERE, &shapes::camera(), &Pose::IDENTITY);
+    let last = (0..6).map(|_| player.play(&ball)).last().expect("frames");
+    (player, held, last)
+}
+
+#[test]
+fn worlds_share_one_memory() {
+    let limit = 100 << 20;
+    let (player, held, last) = room_and_ball(bounded(limit));
+    assert_eq!(last.map, 1);
+    assert_eq!(
+        player.live.volume().config().memory_limit_bytes + held,
+        limit
+    );
+    assert!(player.live.memory_bytes() > held);
+}
+
+#[test]
+fn no_world_begins_without_memory() {
+    let (player, held, last) = room_and_ball(bounded(64 << 20));
+    assert_eq!((last.map, last.state), (0, TrackState::Lost));
+    assert_eq!(player.live.memory_bytes(), held);
 }
