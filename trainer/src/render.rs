@@ -12,6 +12,7 @@ use crate::eval::model::Model;
 use crate::progress::Progress;
 use crate::run_folder::{RunFolder, write_atomically};
 use crate::stages::observe::ColorView;
+use crate::stages::poses::poses_of_run;
 use crate::train::TrainConfig;
 
 /// Where to draw from.

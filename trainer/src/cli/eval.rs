@@ -12,13 +12,15 @@ use super::{Summary, parse_range};
 use crate::clock::Stopwatch;
 use crate::eval::mesh::{self, MeshMetrics, SAMPLE_COUNT, Sightings, read_mesh};
 use crate::eval::trajectory::{
-    self, JudgedPath, TrajectoryOptions, TrajectoryReference, alignment_to_source,
+    self, JudgedPath, TrajectoryOptions, TrajectoryReference, estimated_frames, frames_to_source,
+    posed_frames,
 };
 use crate::eval::{self, Metrics};
 use crate::import::rig::PoseCamera;
 use crate::progress::Progress;
 use crate::report;
 use crate::run_folder::RunFolder;
+use crate::stages::poses::{REFINED, poses_of_run};
 use crate::train::{CONFIDENCE_FILE, MESH_FILE, SRM_FILE, TrainConfig};
 
 #[derive(Debug, Args)]
@@ -164,10 +166,15 @@ fn of_run(args: &EvalArgs, progress: &Progress) -> anyhow::Result<Metrics> {
     let recording = Recording::open(&config.recording)?;
     let mut metrics = Metrics::default();
     // What the run was trained from may have a world of its own.
+    let frames = if config.poses == REFINED {
+        posed_frames(&recording, &poses_of_run(&folder, &recording, REFINED)?)
+    } else {
+        estimated_frames(&recording, &config.poses)?
+    };
     let to_source = if config.poses == "source" {
         None
     } else {
-        alignment_to_source(&recording, &config.poses)?
+        frames_to_source(&recording, &frames, &config.poses)?
     };
     if let Some(truth) = &args.truth {
         metrics.environment = Some(eval::environment::evaluate(
@@ -181,7 +188,7 @@ fn of_run(args: &EvalArgs, progress: &Progress) -> anyhow::Result<Metrics> {
     }
     progress.stage("eval");
     let judged = match args.trajectory_options(&config.poses) {
-        Some(options) => Some(trajectory::evaluate(&recording, &options)?),
+        Some(options) => Some(trajectory::evaluate_frames(&recording, &frames, &options)?),
         None => None,
     };
     if let Some(reference) = &args.mesh {
@@ -223,10 +230,10 @@ fn photographs(
             .find(|folder| folder.is_dir())
     });
     let model = eval::model::Model::load(folder)?;
-    let judged = eval::composition::evaluate(
+    let judged = eval::composition::evaluate_at(
         recording,
         &model,
-        &config.poses,
+        &poses_of_run(folder, recording, &config.poses)?,
         masks.as_deref(),
         &|done, of| progress.step(done, of),
     )?;

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::model::Model;
 use crate::stages::geometry::depth_tolerance;
 use crate::stages::observe::{ColorView, Surface};
-use crate::stages::poses::{PosedFrame, training_frames};
+use crate::stages::poses::{PosedFrame, training_frames_at};
 
 /// Error of one way to predict a photograph, codes as [0, 1], over the mask.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -104,11 +104,23 @@ pub fn evaluate(
     masks: Option<&Path>,
     progress: &dyn Fn(usize, usize),
 ) -> anyhow::Result<Option<(CompositionMetrics, Vec<Strip>)>> {
-    let view = ColorView::new(recording);
-    let training = training_frames(recording, pose_set)?;
     let Some(poses) = recording.poses(pose_set) else {
         return Ok(None);
     };
+    evaluate_at(recording, model, poses, masks, progress)
+}
+
+/// As [`evaluate`], with `poses` (world from depth camera, one a frame of the recording) instead of a set: a run may
+/// have poses of its own.
+pub fn evaluate_at(
+    recording: &Recording,
+    model: &Model,
+    poses: &[Option<Pose>],
+    masks: Option<&Path>,
+    progress: &dyn Fn(usize, usize),
+) -> anyhow::Result<Option<(CompositionMetrics, Vec<Strip>)>> {
+    let view = ColorView::new(recording);
+    let training = training_frames_at(recording, poses);
     let tests: Vec<PosedFrame> = recording
         .split()
         .test

@@ -5,13 +5,15 @@ use fusion::tracking::{
 };
 use fusion::{ModelView, Volume, VolumeConfig};
 use geometry::{Pose, symmetric_eigen};
-use rayon::prelude::*;
 
 use super::align::{Aligned, Pairing, align};
 use super::frames::{FrameLoader, LoadedFrame};
 use super::keyframes::{Keyframe, Reason, candidates, choose};
 use super::pose_graph::Edge;
 use super::{ActiveFrame, fuse};
+
+#[cfg(test)]
+mod tests;
 
 /// Frames on each side of a keyframe whose depth makes its local surface.
 const LOCAL_REACH: usize = 3;
@@ -31,7 +33,6 @@ const DRIFT: [f64; 2] = [1e-3, 1e-3];
 const GAP: [f64; 2] = [0.1, 0.1];
 /// Pairing once coarse alignment is done.
 const FINE: Pairing = Pairing {
-    level: 0,
     largest_distance: 0.02,
     robust_scale: 3.0,
 };
@@ -191,7 +192,7 @@ fn sequential(frames: &[ActiveFrame], positions: &[usize]) -> Vec<Edge> {
 
 /// Adds the error of the motion that ends at a frame.
 fn add_drift(covariance: &mut [[f64; 6]; 6], frame: &ActiveFrame) {
-    let sigma = if frame.is_after_gap { GAP } else { DRIFT };
+    let sigma = if frame.follows_lost { GAP } else { DRIFT };
     for axis in 0..6 {
         covariance[axis][axis] += sigma[axis / 3] * sigma[axis / 3];
     }

@@ -35,6 +35,8 @@ pub struct StartFrame {
     pub world_from_camera: Pose,
     /// Upper triangle by rows of the covariance of rotation (radians) and translation (metres), camera axes.
     pub covariance: Option<[f32; 21]>,
+    /// Whether the camera was lost since the start frame before: the way between them is not known.
+    pub follows_lost: bool,
 }
 
 /// What refinement did, part of `poses/summary.json`.
@@ -95,8 +97,8 @@ struct ActiveFrame {
     index: usize,
     world_from_camera: Pose,
     covariance: Option<[f32; 21]>,
-    /// Whether frames before it have no pose.
-    is_after_gap: bool,
+    /// Whether the camera was lost since the frame before.
+    follows_lost: bool,
 }
 
 /// Fewest frames that say something about each other.
@@ -108,7 +110,15 @@ const FINEST_VOXEL_PIXELS: f64 = 2.0;
 /// Bounds of the finest voxels, metres.
 const FINEST_VOXEL: [f32; 2] = [0.0025, 0.008];
 /// Voxels of the rounds, in finest ones.
-const ROUND_VOXELS: [f32; 4] = [1.6, 1.6, 1.0, 1.0];
+const ROUND_VOXELS: [f32; 3] = [1.6, 1.3, 1.0];
+/// Most rounds of one size, …
+const ROUNDS_PER_SIZE: usize = 3;
+/// … which end when the median correction is below this, metres: then finer voxels show more.
+const ADVANCE: f64 = 5e-4;
+/// Rounds that most paths need.
+const USUAL_ROUNDS: usize = 4;
+/// Most rounds.
+const MOST_ROUNDS: usize = 7;
 /// Median correction that ends the rounds, metres and radians.
 const SETTLED: [f64; 2] = [1e-4, 1.75e-4];
 /// The refined poses must bring the flow down to this share: less is within what the choice of frames makes.
@@ -182,17 +192,17 @@ pub fn refine(
 /// The frames whose depth is their own.
 fn active_frames(loader: &FrameLoader<'_>, frames: &[StartFrame]) -> Vec<ActiveFrame> {
     let mut active = Vec::new();
-    let mut before: Option<usize> = None;
+    let mut follows_lost = false;
     for frame in frames {
-        let is_after_gap = before.is_some_and(|before| frame.index != before + 1);
-        before = Some(frame.index);
+        follows_lost |= frame.follows_lost;
         if !loader.depth_is_repeat(frame.index) {
             active.push(ActiveFrame {
                 index: frame.index,
                 world_from_camera: frame.world_from_camera,
                 covariance: frame.covariance,
-                is_after_gap,
+                follows_lost,
             });
+            follows_lost = false;
         }
     }
     active
@@ -243,7 +253,7 @@ fn moved(
     summary: &mut RefinementSummary,
     progress: &mut dyn FnMut(usize, usize),
 ) -> anyhow::Result<Vec<ActiveFrame>> {
-    let of = (1 + ROUND_VOXELS.len()) * active.len();
+    let of = (1 + USUAL_ROUNDS) * active.len();
     let coarse = VolumeConfig {
         voxel_size: ROUND_VOXELS[0] * volume.voxel_size,
         ..volume.clone()
@@ -263,28 +273,53 @@ fn moved(
     summary.verified_loop_count = graph.edges.iter().filter(|edge| edge.is_loop).count();
     summary.refused_loop_count = solved.refused_count;
     let mut frames = spread::between_keyframes(active, &graph.positions, &solved.poses);
-    for (number, share) in ROUND_VOXELS.into_iter().enumerate() {
+    settle(
+        loader,
+        &mut frames,
+        volume,
+        &mut summary.rounds,
+        &mut |done| {
+            progress((active.len() + done).min(of), of);
+        },
+    )?;
+    Ok(frames)
+}
+
+/// Rounds from coarse to fine voxels, until nothing moves.
+fn settle(
+    loader: &FrameLoader<'_>,
+    frames: &mut [ActiveFrame],
+    volume: &VolumeConfig,
+    rounds: &mut Vec<RoundSummary>,
+    progress: &mut dyn FnMut(usize),
+) -> anyhow::Result<()> {
+    let (mut size, mut of_size) = (0, 0);
+    for number in 0..MOST_ROUNDS {
         let config = VolumeConfig {
-            voxel_size: share * volume.voxel_size,
+            voxel_size: ROUND_VOXELS[size] * volume.voxel_size,
             ..volume.clone()
         };
-        let first = (1 + number) * active.len();
-        let round = rounds::round(loader, &mut frames, &config, &mut |done| {
-            progress(first + done, of);
+        let count = frames.len();
+        let round = rounds::round(loader, frames, &config, &mut |done| {
+            progress(number * count + done);
         })?;
-        summary.rounds.push(RoundSummary {
+        rounds.push(RoundSummary {
             voxel_mm: f64::from(config.voxel_size) * 1e3,
             shift_mm: 1e3 * round.shift,
             turn_deg: round.turn.to_degrees(),
             kept_count: round.kept_count,
         });
+        of_size += 1;
+        let is_finest = size + 1 == ROUND_VOXELS.len();
         let [shift, turn] = SETTLED;
-        let is_finest = share <= 1.0;
         if is_finest && round.shift < shift && round.turn < turn {
             break;
         }
+        if !is_finest && (round.shift < ADVANCE || of_size == ROUNDS_PER_SIZE) {
+            (size, of_size) = (size + 1, 0);
+        }
     }
-    Ok(frames)
+    Ok(())
 }
 
 /// Whether the refined poses are better, and the sentence that says so.

@@ -2,7 +2,8 @@
 
 use fusion::tracking::keyframes::angle_between;
 use fusion::{ModelView, Volume, VolumeConfig};
-use geometry::{DVec3, Pose, mean_rotation};
+use geometry::trajectory::mean_rotation;
+use geometry::{DVec3, Pose};
 
 use super::align::{Aligned, Pairing, align};
 use super::frames::FrameLoader;
@@ -37,7 +38,6 @@ pub(super) fn round(
     let model: Volume = fuse(loader, frames, volume.clone(), progress)?;
     let camera = half(loader)?;
     let pairing = Pairing {
-        level: 0,
         // A band of the model on either side.
         largest_distance: 4.0 * volume.voxel_size,
         robust_scale: 3.0,

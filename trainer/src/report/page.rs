@@ -141,6 +141,53 @@ fn inputs(folder: &RunFolder, config: &TrainConfig, model: &Model) -> anyhow::Re
     })
 }
 
+/// Where the camera was, and how well that fits.
+fn path(folder: &RunFolder) -> anyhow::Result<Markup> {
+    if !folder.path(SUMMARY_FILE).exists() {
+        return Ok(html! {});
+    }
+    let poses: PosesSummary = folder.read_json(SUMMARY_FILE)?;
+    let Some(refinement) = &poses.refinement else {
+        return Ok(html! {
+            p.soft { "Poses: the set " (poses.set) " of the recording. " (left_out(&poses)) }
+        });
+    };
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+    Ok(html! {
+        h2 { "Camera path" }
+        p { "Refined from the set " (poses.started_from) ": " (refinement.reason) ". " (left_out(&poses)) }
+        table {
+            caption { "Judged on frames that are left out of the model that judges them; flow in full-size pixels of the photographs." }
+            tr { th { "" } th { "residual flow, px" } th { "depth residual, mm" } th { "frames" } th { "patches" } }
+            @for (name, figures) in [("start", &refinement.before), ("refined", &refinement.after)] {
+                @if let Some(figures) = figures {
+                    tr {
+                        td { (name) } td { (number(figures.flow_px)) } td { (number(figures.depth_residual_mm)) }
+                        td { (figures.frame_count) } td { (figures.patch_count) }
+                    }
+                }
+            }
+        }
+        p.soft {
+            (format!("{} keyframes; of {} pairs that see the same, {} stood up and {} of these were refused by the others. ",
+                refinement.keyframe_count, refinement.tried_loop_count, refinement.verified_loop_count, refinement.refused_loop_count))
+            (format!("Cameras were moved by {:.2} mm in the median, {:.2} mm at most.", refinement.shift_mm, refinement.largest_shift_mm))
+        }
+    })
+}
+
+/// The sentence about frames without a pose.
+fn left_out(poses: &PosesSummary) -> String {
+    let count = poses.lost_count + poses.other_map_count + poses.unknown_count;
+    if count == 0 {
+        return String::new();
+    }
+    format!(
+        "{count} training frames were left out: {} lost, {} in another map, {} without a pose.",
+        poses.lost_count, poses.other_map_count, poses.unknown_count
+    )
+}
+
 fn shape(
     folder: &RunFolder,
     config: &TrainConfig,

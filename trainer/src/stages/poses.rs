@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use anyhow::Context as _;
 use geometry::{DVec3, Pose};
 use glam::DQuat;
-use sequence::{PoseState, Recording, StoredPoses};
+use sequence::{FramePose, PoseState, Recording};
 use serde::{Deserialize, Serialize};
 
 use super::Refusal;
@@ -95,6 +95,8 @@ pub fn run(
     let mut frames = training_frames(recording, started_from)?;
     let mut summary = summary_of(recording, set, started_from, frames.len());
     if set == REFINED {
+        // A file may list them in another order; neighbours are what is compared.
+        frames.sort_by_key(|frame| frame.index);
         let start = start_frames(recording, started_from, &frames)?;
         let refinement = refine(recording, &start, &mut |done, of| progress.step(done, of))?;
         tracing::info!("{}", refinement.summary.reason);
@@ -173,10 +175,11 @@ pub fn training_frames_at(recording: &Recording, poses: &[Option<Pose>]) -> Vec<
         .collect()
 }
 
-/// The stored set of a name.
-fn stored_set<'a>(recording: &'a Recording, set: &str) -> Option<&'a StoredPoses> {
+/// The stored poses of a set.
+fn stored_poses<'a>(recording: &'a Recording, set: &str) -> &'a [FramePose] {
     let sets = &recording.contents().pose_sets;
-    sets.iter().find(|stored| stored.head.name == set)
+    let stored = sets.iter().find(|stored| stored.head.name == set);
+    stored.map_or(&[], |stored| &stored.poses)
 }
 
 /// Number of a frame's depth image, by which stored poses name it.
@@ -200,10 +203,8 @@ fn summary_of(
         unknown_count: 0,
         refinement: None,
     };
-    let stored = stored_set(recording, started_from);
-    let states: BTreeMap<u64, PoseState> = stored
+    let states: BTreeMap<u64, PoseState> = stored_poses(recording, started_from)
         .iter()
-        .flat_map(|stored| &stored.poses)
         .map(|pose| (pose.number, pose.state))
         .collect();
     let poses = recording.poses(started_from).unwrap_or_default();
@@ -244,17 +245,20 @@ fn start_frames(
     set: &str,
     frames: &[PosedFrame],
 ) -> anyhow::Result<Vec<StartFrame>> {
-    let stored = stored_set(recording, set);
-    let covariances: BTreeMap<u64, [f32; 21]> = stored
+    let covariances: BTreeMap<u64, [f32; 21]> = stored_poses(recording, set)
         .iter()
-        .flat_map(|stored| &stored.poses)
         .filter_map(|pose| Some((pose.number, pose.covariance?)))
         .collect();
+    let poses = recording.poses(set).unwrap_or_default();
+    let mut next = 0;
     frames
         .iter()
         .map(|frame| {
             let number = number_of(recording, frame.index)?;
+            let between = poses.get(next..frame.index).unwrap_or_default();
+            next = frame.index + 1;
             Ok(StartFrame {
+                follows_lost: between.iter().any(Option::is_none),
                 index: frame.index,
                 world_from_camera: frame.world_from_camera,
                 covariance: covariances.get(&number).copied(),

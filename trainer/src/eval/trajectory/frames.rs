@@ -97,3 +97,18 @@ pub fn estimated_frames(recording: &Recording, name: &str) -> anyhow::Result<Vec
         })
         .collect()
 }
+
+/// All pairs of `recording` with poses that are in no set of it: world from depth camera, one a pair, `None` as
+/// [`Tracked::Absent`].
+pub fn posed_frames(recording: &Recording, poses: &[Option<Pose>]) -> Vec<EstimatedFrame> {
+    poses
+        .iter()
+        .take(recording.frame_count())
+        .enumerate()
+        .map(|(index, pose)| EstimatedFrame {
+            nanos: recording.time_nanos(index),
+            is_repeat: recording.depth_is_repeat(index),
+            tracked: pose.map_or(Tracked::Absent, Tracked::Ok),
+        })
+        .collect()
+}

@@ -17,7 +17,7 @@ use sequence::Recording;
 use serde::{Deserialize, Serialize};
 
 pub use self::figures::{Errors, PathFigures, RelativeFigures};
-pub use self::frames::{EstimatedFrame, Tracked, estimated_frames};
+pub use self::frames::{EstimatedFrame, Tracked, estimated_frames, posed_frames};
 pub use self::reference::{ReferencePath, TrajectoryReference};
 
 use self::figures::figures;
@@ -84,10 +84,22 @@ pub struct JudgedPath {
 /// range lies outside.
 pub fn evaluate(recording: &Recording, options: &TrajectoryOptions) -> anyhow::Result<JudgedPath> {
     let frames = estimated_frames(recording, &options.poses)?;
+    evaluate_frames(recording, &frames, options)
+}
+
+/// As [`evaluate`], with what is known of every pair of the recording; [`TrajectoryOptions::poses`] only names it.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn evaluate_frames(
+    recording: &Recording,
+    frames: &[EstimatedFrame],
+    options: &TrajectoryOptions,
+) -> anyhow::Result<JudgedPath> {
     let path = ReferencePath::read(recording, &options.reference)?;
     let mut notes = Vec::new();
-    let time_offset = if options.fit_offset || path.has_own_clock(&frames) {
-        let found = fitted_offset(&path, &frames);
+    let time_offset = if options.fit_offset || path.has_own_clock(frames) {
+        let found = fitted_offset(&path, frames);
         if found.is_none() {
             notes.push(
                 "the time between the clocks could not be fitted: too few frames, or the camera turns too evenly; 0 is used"
@@ -99,10 +111,10 @@ pub fn evaluate(recording: &Recording, options: &TrajectoryOptions) -> anyhow::R
         None
     };
     let offset_nanos = time_offset.map_or(0, |(nanos, _)| nanos);
-    let reference = path.of_frames(&frames, offset_nanos);
+    let reference = path.of_frames(frames, offset_nanos);
     let judge = |range: Range<usize>| -> anyhow::Result<(PathFigures, PoseAlignment)> {
         let alignment = aligned(&frames[range.clone()], &reference[range.clone()])?;
-        let figures = figures(&frames, &reference, range, &alignment)?;
+        let figures = figures(frames, &reference, range, &alignment)?;
         Ok((figures, alignment))
     };
     let (whole, alignment) = judge(0..frames.len()).with_context(|| {
@@ -132,7 +144,7 @@ pub fn evaluate(recording: &Recording, options: &TrajectoryOptions) -> anyhow::R
         }
         let (mut segment, _) = judge(range.clone())
             .with_context(|| format!("frames {}..{} cannot be judged", range.start, range.end))?;
-        let in_whole = figures(&frames, &reference, range.clone(), &alignment)?;
+        let in_whole = figures(frames, &reference, range.clone(), &alignment)?;
         segment.range = Some([range.start, range.end]);
         segment.ate_in_whole_m = Some(in_whole.ate.rmse);
         segments.push(segment);
@@ -163,10 +175,24 @@ pub fn alignment_to_source(
     if recording.poses("source").is_none() {
         return Ok(None);
     }
-    let frames = estimated_frames(recording, poses)?;
+    frames_to_source(recording, &estimated_frames(recording, poses)?, poses)
+}
+
+/// As [`alignment_to_source`], with what is known of every pair of the recording; `poses` only names it.
+///
+/// # Errors
+/// When fewer than 10 frames have both.
+pub fn frames_to_source(
+    recording: &Recording,
+    frames: &[EstimatedFrame],
+    poses: &str,
+) -> anyhow::Result<Option<PoseAlignment>> {
+    if recording.poses("source").is_none() {
+        return Ok(None);
+    }
     let path = ReferencePath::read(recording, &TrajectoryReference::Source)?;
-    let reference = path.of_frames(&frames, 0);
-    let alignment = aligned(&frames, &reference)
+    let reference = path.of_frames(frames, 0);
+    let alignment = aligned(frames, &reference)
         .with_context(|| format!("the poses `{poses}` cannot be aligned to the poses `source`"))?;
     Ok(Some(alignment))
 }
