@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, ensure};
 
+use super::world::reference_from_live;
 use super::{FusionRunner, LIVE_MESH, LIVE_RECORDING, judge};
 use crate::eval::mesh::read_mesh;
 use crate::ply::{PlyMesh, to_bytes};
@@ -62,7 +63,7 @@ pub fn careful_mesh(
         ended.reason
     );
     let recording = sequence::Recording::open(&desk.path().join(LIVE_RECORDING))?;
-    let source_from_live = judge(&recording)?.alignment.reference_from_estimate;
+    let (source_from_live, _) = reference_from_live(&recording, &judge(&recording)?)?;
     let mesh = read_mesh(&desk.path().join(LIVE_MESH))?;
     let moved = |position: &glam::Vec3| {
         source_from_live

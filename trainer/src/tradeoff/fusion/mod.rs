@@ -5,9 +5,11 @@
 //! A replay at `speed=max` waits for everybody, so that the same setting gives the same poses at every repetition
 //! and under any load; only its cost differs.
 //!
-//! [`careful`] the mesh that others are compared with where nothing better is known.
+//! [`careful`] the mesh that others are compared with where nothing better is known · `world` how meshes are laid on
+//! each other.
 
 pub mod careful;
+mod world;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,6 +20,7 @@ use geometry::Pose;
 use sequence::Recording;
 use serde_json::Value;
 
+use self::world::reference_from_live;
 use super::subject::{Axis, Knob, PointFigures, PointRunner, Setting, Subject};
 use crate::eval::mesh::{self, Sightings, read_mesh};
 use crate::eval::trajectory::{self, JudgedPath, TrajectoryOptions, TrajectoryReference};
@@ -261,11 +264,12 @@ impl FusionRunner {
             camera: recording.depth_camera(),
             world_from_depth: judged.reference.iter().flatten().copied().collect(),
         };
+        let (reference_from_live, origin) = reference_from_live(recording, judged)?;
         let metrics = mesh::compare(
             &read_mesh(&desk.join(LIVE_MESH))?,
             &read_mesh(reference)?,
-            &judged.alignment.reference_from_estimate,
-            "the trajectory",
+            &reference_from_live,
+            origin,
             Some(&sightings),
             SAMPLE_COUNT,
             &|_, _| {},
