@@ -249,8 +249,8 @@ impl<'a> Band<'a> {
         }
     }
 
-    /// Mean depth of the pixels of the coarser grid around one, where all see surface within a truncation and
-    /// no other can lie far in front of it.
+    /// Mean depth of the pixels of the coarser grid around one, where all see surface within a truncation. On a
+    /// grid of more than a pixel none may lie far in front of it either.
     fn guess(
         &self,
         (x, y): (usize, usize),
@@ -278,8 +278,8 @@ impl<'a> Band<'a> {
         let most = depths[0].max(depths[1]).max(depths[2].max(depths[3]));
         let reach = self.march.truncation;
         let z = 0.25 * (depths[0] + depths[1] + (depths[2] + depths[3]));
-        let free = z - self.range((x, y), ranges).nearest;
-        (least > 0.0 && most - least < reach && free < MOST_FREE * reach).then(|| Approach {
+        let is_near = grid == 1 || z - self.range((x, y), ranges).nearest < MOST_FREE * reach;
+        (least > 0.0 && most - least < reach && is_near).then(|| Approach {
             ray: self.ray((x, y)),
             z,
             limits: [z - reach, z + reach],
