@@ -182,6 +182,7 @@ fn fusion_of(
         program: program.to_owned(),
         recording: path.to_owned(),
         mesh: None,
+        judged_meshes: fusion::JudgedMeshes::default(),
     };
     runner.mesh = Some(match &args.reference_mesh {
         Some(mesh) => mesh.clone(),

@@ -86,6 +86,8 @@ impl PointRecord {
 pub(super) struct Journal {
     file: File,
     path: PathBuf,
+    /// As it was written when the measurement began, perhaps by an older build.
+    beginning: Beginning,
     records: Vec<PointRecord>,
 }
 
@@ -124,6 +126,7 @@ impl Journal {
         let mut journal = Self {
             file,
             path,
+            beginning: beginning.clone(),
             records: Vec::new(),
         };
         let mut lines = text.lines();
@@ -132,6 +135,7 @@ impl Journal {
             Some(first) => {
                 let begun: Beginning = journal.parse(first)?;
                 journal.require(&begun, beginning)?;
+                journal.beginning = begun;
             }
         }
         for line in lines {
@@ -169,6 +173,11 @@ impl Journal {
             );
         }
         Ok(())
+    }
+
+    /// What the measurement began with: runs belong to that version and commit, not to those that go on with it.
+    pub(super) fn beginning(&self) -> &Beginning {
+        &self.beginning
     }
 
     /// The runs so far.

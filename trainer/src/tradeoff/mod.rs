@@ -87,7 +87,7 @@ pub fn measure(
     let mut journal = Journal::open(&options.output, &beginning)?;
     progress.stage(subject.name);
     let ran = run_missing(runner, &points, options, &mut journal, progress);
-    let measurement = Measurement::of(subject, beginning, journal.records());
+    let measurement = Measurement::of(subject, journal.beginning().clone(), journal.records());
     // Also when it was stopped: what there is can be looked at.
     write_results(&measurement, &options.output)?;
     ran.map(|()| measurement)

@@ -9,7 +9,7 @@ use super::subject::Axis;
 const STYLE: &str = "
 body{margin:0;background:#fbfaf7;color:#1d2328;font:15px/1.5 system-ui,sans-serif}
 main{max-width:1160px;margin:0 auto;padding:28px 20px 60px}h1{font-size:24px;margin:0 0 4px}p{margin:6px 0;max-width:90ch}
-.soft{color:#5b666f}svg{max-width:100%;height:auto}table{border-collapse:collapse;margin:12px 0;font-size:13px;font-variant-numeric:tabular-nums}
+.soft{color:#5b666f}svg{max-width:100%;height:auto}table{display:block;overflow-x:auto;border-collapse:collapse;margin:12px 0;font-size:13px;font-variant-numeric:tabular-nums}
 th,td{text-align:right;padding:3px 12px 3px 0;border-bottom:1px solid #dcdfe1}th{cursor:pointer;color:#5b666f;vertical-align:bottom}
 th:first-child,td:first-child{text-align:left;white-space:nowrap}.sure,.maybe{color:#8a4b12;font-weight:600}.bad{color:#a3262a}
 ";

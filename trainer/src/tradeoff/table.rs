@@ -55,10 +55,13 @@ pub(super) fn csv(measurement: &Measurement) -> String {
     text
 }
 
-/// Every figure that any run has, in order.
+/// Every figure that any run has, in order, without those that a child calls as a column is called: what was seen
+/// from outside stands there.
 fn metric_keys(measurement: &Measurement) -> BTreeSet<&str> {
     let runs = measurement.points.iter().flat_map(|point| &point.runs);
+    let columns = BEFORE.iter().chain(&BETWEEN).chain(&BEHIND);
     runs.flat_map(|run| run.figures.metrics.keys().map(String::as_str))
+        .filter(|key| !columns.clone().any(|column| column == key))
         .collect()
 }
 

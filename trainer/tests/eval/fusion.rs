@@ -79,6 +79,7 @@ fn the_recorder_is_called_with_its_flags_and_its_path_is_judged() {
         program: at("glintd"),
         recording: at("good.glint"),
         mesh: None,
+        judged_meshes: fusion::JudgedMeshes::default(),
     };
     let options = TradeoffOptions {
         output: at("out"),
@@ -149,6 +150,7 @@ fn meshes_are_compared_in_the_world_of_the_reference_and_cost_no_frame() {
         program: at("glintd"),
         recording: at("moved.glint"),
         mesh: None,
+        judged_meshes: fusion::JudgedMeshes::default(),
     };
     let make = |runner: &FusionRunner| {
         let timeout = Duration::from_secs(60);

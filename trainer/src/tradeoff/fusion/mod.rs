@@ -11,6 +11,7 @@
 pub mod careful;
 mod world;
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -18,7 +19,7 @@ use std::process::Command;
 use anyhow::{Context as _, bail, ensure};
 use geometry::Pose;
 use sequence::Recording;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use self::world::reference_from_live;
 use super::subject::{Axis, Knob, PointFigures, PointRunner, Setting, Subject};
@@ -61,20 +62,8 @@ pub const BESIDE: &[Axis] = &[
         label: "F-score of the mesh at 5 mm",
     },
     Axis {
-        key: "mesh_accuracy_m",
-        label: "mesh to reference, mean, m",
-    },
-    Axis {
-        key: "mesh_completeness_m",
-        label: "reference to mesh, mean, m",
-    },
-    Axis {
         key: "track_core_ms_p50",
         label: "tracking, core-ms (median)",
-    },
-    Axis {
-        key: "integrate_core_ms_p50",
-        label: "integration, core-ms (median)",
     },
     Axis {
         key: "fuse_memory_mb",
@@ -160,7 +149,13 @@ pub struct FusionRunner {
     pub recording: PathBuf,
     /// Mesh of the reference, in its world.
     pub mesh: Option<PathBuf>,
+    /// Meshes that were judged; empty at first.
+    pub judged_meshes: JudgedMeshes,
 }
+
+/// Figures by what they are of, mesh and place: repetitions of a point make the same mesh, and to judge one takes
+/// longer than to record it.
+pub type JudgedMeshes = RefCell<BTreeMap<String, Map<String, Value>>>;
 
 /// Names of what the recorder leaves in the folder of a point.
 const LIVE_RECORDING: &str = "live.glint";
@@ -217,7 +212,7 @@ impl PointRunner for FusionRunner {
             ),
             (ERROR.key.to_owned(), 1e3 * judged.metrics.whole.ate.rmse),
         ]);
-        let mut take = |keys: serde_json::Map<String, Value>| {
+        let mut take = |keys: Map<String, Value>| {
             let numbers = keys
                 .into_iter()
                 .filter_map(|(key, value)| Some((key, value.as_f64()?)));
@@ -259,12 +254,17 @@ impl FusionRunner {
         judged: &JudgedPath,
         desk: &Path,
         reference: &Path,
-    ) -> anyhow::Result<serde_json::Map<String, Value>> {
+    ) -> anyhow::Result<Map<String, Value>> {
         let sightings = Sightings {
             camera: recording.depth_camera(),
             world_from_depth: judged.reference.iter().flatten().copied().collect(),
         };
         let (reference_from_live, origin) = reference_from_live(recording, judged)?;
+        let bytes = std::fs::read(desk.join(LIVE_MESH)).context("the recorder left no mesh")?;
+        let key = format!("{} {reference_from_live:?}", blake3::hash(&bytes));
+        if let Some(figures) = self.judged_meshes.borrow().get(&key) {
+            return Ok(figures.clone());
+        }
         let metrics = mesh::compare(
             &read_mesh(&desk.join(LIVE_MESH))?,
             &read_mesh(reference)?,
@@ -274,7 +274,9 @@ impl FusionRunner {
             SAMPLE_COUNT,
             &|_, _| {},
         )?;
-        Ok(mesh::summary(&metrics))
+        let figures = mesh::summary(&metrics);
+        self.judged_meshes.borrow_mut().insert(key, figures.clone());
+        Ok(figures)
     }
 }
 
