@@ -16,7 +16,7 @@ use crate::model_view::{DepthRange, ModelView, Surfel};
 mod tests;
 
 /// Rows of tiles of one parallel task. Each pixel is computed by itself, so tasks do not show in the result.
-const BAND_TILES: usize = 8;
+const BAND_TILES: usize = 16;
 /// Every so many columns and rows a pixel is marched; those between start from them.
 const COARSEST: usize = 4;
 /// The finer grids, each from the one before.
