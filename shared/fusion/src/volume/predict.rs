@@ -16,7 +16,7 @@ use crate::model_view::{DepthRange, ModelView, Surfel};
 mod tests;
 
 /// Rows of tiles of one parallel task. Each pixel is computed by itself, so tasks do not show in the result.
-const BAND_TILES: usize = 8;
+const BAND_TILES: usize = 16;
 /// Every so many columns and rows a pixel is marched; those between start from them.
 const COARSEST: usize = 4;
 /// The finer grids, each from the one before.
@@ -196,7 +196,7 @@ impl<'a> Band<'a> {
         surfels: &mut [Surfel],
     ) {
         let right = (left + STRIP).min(self.width);
-        let mut walks = Walks::new();
+        let (mut walks, mut guesses) = (Walks::new(), Guesses::new());
         for y in (0..surfels.len() / self.width).step_by(grid) {
             let is_between = y % (2 * grid) != 0;
             let (from, step) = if is_between {
@@ -204,14 +204,13 @@ impl<'a> Band<'a> {
             } else {
                 (left + grid, 2 * grid)
             };
-            let mut guesses = Guesses::new();
             for x in (from..right).step_by(step) {
                 match self.guess((x, y), grid, ranges, surfels) {
                     Some(guess) => guesses.push(x, guess, &mut self.sampler),
                     None => self.set_off((x, y), ranges, &mut walks, surfels),
                 }
             }
-            self.refine(y, guesses, ranges, &mut walks, surfels);
+            self.refine(y, &mut guesses, ranges, &mut walks, surfels);
         }
         self.walk(&mut walks, surfels);
     }
@@ -220,7 +219,7 @@ impl<'a> Band<'a> {
     fn refine(
         &mut self,
         y: usize,
-        mut guesses: Guesses<'a>,
+        guesses: &mut Guesses<'a>,
         ranges: &[DepthRange],
         walks: &mut Walks<'a>,
         surfels: &mut [Surfel],
@@ -247,6 +246,7 @@ impl<'a> Band<'a> {
         for &(x, _) in &guesses.all[..guesses.count] {
             self.set_off((x, y), ranges, walks, surfels);
         }
+        guesses.count = 0;
     }
 
     /// Mean depth of the pixels of the coarser grid around one, where all see surface within a truncation. On a
