@@ -196,20 +196,17 @@ fn add_drift(covariance: &mut [[f64; 6]; 6], frame: &ActiveFrame) {
     for axis in 0..6 {
         covariance[axis][axis] += sigma[axis / 3] * sigma[axis / 3];
     }
-    if let Some(triangle) = &frame.covariance {
-        let mut place = 0;
-        for row in 0..6 {
-            for column in row..6 {
-                let entry = f64::from(triangle[place]);
-                place += 1;
-                if !entry.is_finite() {
-                    continue;
-                }
-                covariance[row][column] += entry;
-                if row != column {
-                    covariance[column][row] += entry;
-                }
-            }
+    let Some(triangle) = &frame.covariance else {
+        return;
+    };
+    let places = (0..6).flat_map(|row| (row..6).map(move |column| (row, column)));
+    for ((row, column), &entry) in places.zip(triangle) {
+        if !entry.is_finite() {
+            continue;
+        }
+        covariance[row][column] += f64::from(entry);
+        if row != column {
+            covariance[column][row] += f64::from(entry);
         }
     }
 }

@@ -348,16 +348,22 @@ fn verdict(before: &Judgement, after: &Judgement) -> (bool, String) {
             ),
         };
     }
+    let flow = match (before.flow_px, after.flow_px) {
+        (None, Some(flow)) => {
+            format!("residual flow not measurable before, {flow:.3} pixels after")
+        }
+        (Some(flow), _) => {
+            let sentence = format!(
+                "residual flow {flow:.3} pixels before and not measurable after: the start stands"
+            );
+            return (false, sentence);
+        }
+        (None, None) => "no texture to measure flow by".to_owned(),
+    };
     if residual_after <= LEAST_RESIDUAL_GAIN * residual_before {
-        (
-            true,
-            format!("{depth}, no texture to measure flow by: the refined poses are used"),
-        )
+        (true, format!("{depth}, {flow}: the refined poses are used"))
     } else {
-        (
-            false,
-            format!("{depth}, no texture to measure flow by: the start stands"),
-        )
+        (false, format!("{depth}, {flow}: the start stands"))
     }
 }
 
@@ -386,4 +392,30 @@ fn fuse(
         Ok(())
     })?;
     Ok(volume)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn judged(flow_px: Option<f64>, residual: f64) -> Judgement {
+        Judgement {
+            flow_px,
+            depth_residual_mm: Some(residual),
+            frame_count: 10,
+            patch_count: 100,
+        }
+    }
+
+    #[test]
+    fn only_what_is_better_as_a_whole_is_used() {
+        let used = |before, after| verdict(&before, &after).0;
+        assert!(used(judged(Some(0.6), 1.0), judged(Some(0.4), 1.0)));
+        assert!(!used(judged(Some(0.4), 1.0), judged(Some(0.4), 0.5)));
+        assert!(!used(judged(Some(0.6), 1.0), judged(Some(0.4), 1.1)));
+        assert!(!used(judged(Some(0.6), 1.0), judged(None, 0.5)));
+        assert!(used(judged(None, 4.0), judged(Some(0.3), 1.0)));
+        assert!(!used(judged(None, 1.0), judged(None, 1.0)));
+        assert!(used(judged(None, 1.0), judged(None, 0.9)));
+    }
 }

@@ -70,6 +70,8 @@ pub(super) struct Walk<'a> {
     pub(super) z: f32,
     /// Where its range ends.
     pub(super) farthest: f32,
+    /// Metres of z per voxel along x, y, z.
+    z_per_axis: Vec3A,
     /// Depth and value of the sample before, where it lies in front of a surface.
     before: Option<(f32, f32)>,
     next: Next<'a>,
@@ -101,6 +103,7 @@ impl<'a> Walk<'a> {
             pixel,
             z: 0.0,
             farthest: 0.0,
+            z_per_axis: ray.slope.recip(),
             before: None,
             next: Next::Crossing([(0.0, 0.0); 2]),
         }
@@ -156,25 +159,28 @@ impl<'a> Walk<'a> {
                 return true;
             }
             self.before = None;
-            self.z += (way_out_of_block(point, &self.ray) * self.ray.z_per_voxel).max(shortest);
+            let first = voxel.map(|v| (v >> BLOCK_SHIFT << BLOCK_SHIFT) as f32);
+            self.z += self
+                .z_to_border(point - Vec3A::from_array(first))
+                .max(shortest);
         }
         false
+    }
+
+    /// Metres of z to the border of a block from a place `within` it, voxels.
+    #[inline]
+    fn z_to_border(&self, within: Vec3A) -> f32 {
+        let ahead = Vec3A::splat(BLOCK_EDGE as f32) - within;
+        let ahead = Vec3A::select(self.z_per_axis.cmpge(Vec3A::ZERO), ahead, -within);
+        // Parallel to a side the way is infinite, and along it no number, which a minimum drops.
+        let [x, y, z] = (ahead * self.z_per_axis).to_array();
+        x.min(y).min(z)
     }
 }
 
 /// Where the line through two samples (depth and value) crosses zero.
 fn crossing((z_before, tsdf_before): (f32, f32), (z_behind, tsdf_behind): (f32, f32)) -> f32 {
     z_before + (z_behind - z_before) * tsdf_before / (tsdf_before - tsdf_behind)
-}
-
-/// Voxels of way from `point` to the border of its block.
-fn way_out_of_block(point: Vec3A, ray: &Ray) -> f32 {
-    let size = BLOCK_EDGE as f32;
-    let within = point - (point / size).floor() * size;
-    let direction = ray.slope * ray.z_per_voxel;
-    let ahead = Vec3A::select(direction.cmpge(Vec3A::ZERO), size - within, within);
-    // Parallel to a side the way is infinite.
-    (ahead / direction.abs()).min_element()
 }
 
 /// A place near a crossing, on its way to the zero of the trilinear field.

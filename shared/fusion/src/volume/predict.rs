@@ -16,7 +16,7 @@ use crate::model_view::{DepthRange, ModelView, Surfel};
 mod tests;
 
 /// Rows of tiles of one parallel task. Each pixel is computed by itself, so tasks do not show in the result.
-const BAND_TILES: usize = 8;
+const BAND_TILES: usize = 16;
 /// Every so many columns and rows a pixel is marched; those between start from them.
 const COARSEST: usize = 4;
 /// The finer grids, each from the one before.
@@ -196,7 +196,7 @@ impl<'a> Band<'a> {
         surfels: &mut [Surfel],
     ) {
         let right = (left + STRIP).min(self.width);
-        let mut walks = Walks::new();
+        let (mut walks, mut guesses) = (Walks::new(), Guesses::new());
         for y in (0..surfels.len() / self.width).step_by(grid) {
             let is_between = y % (2 * grid) != 0;
             let (from, step) = if is_between {
@@ -204,14 +204,13 @@ impl<'a> Band<'a> {
             } else {
                 (left + grid, 2 * grid)
             };
-            let mut guesses = Guesses::new();
             for x in (from..right).step_by(step) {
                 match self.guess((x, y), grid, ranges, surfels) {
                     Some(guess) => guesses.push(x, guess, &mut self.sampler),
                     None => self.set_off((x, y), ranges, &mut walks, surfels),
                 }
             }
-            self.refine(y, guesses, ranges, &mut walks, surfels);
+            self.refine(y, &mut guesses, ranges, &mut walks, surfels);
         }
         self.walk(&mut walks, surfels);
     }
@@ -220,7 +219,7 @@ impl<'a> Band<'a> {
     fn refine(
         &mut self,
         y: usize,
-        mut guesses: Guesses<'a>,
+        guesses: &mut Guesses<'a>,
         ranges: &[DepthRange],
         walks: &mut Walks<'a>,
         surfels: &mut [Surfel],
@@ -232,12 +231,12 @@ impl<'a> Band<'a> {
             self.sampler
                 .sample_all(points, self.march.min_weight, &mut samples);
             guesses.count = 0;
-            for number in 0..count {
+            for (number, sample) in samples.iter().enumerate().take(count) {
                 let (x, mut approach) = guesses.all[number];
-                match approach.correct(&samples[number], &self.march) {
+                match approach.correct(sample, &self.march) {
                     Corrected::Arrived => {
                         surfels[y * self.width + x] =
-                            self.surfel((x, y), &approach.ray, approach.z, &samples[number]);
+                            self.surfel((x, y), &approach.ray, approach.z, sample);
                     }
                     Corrected::Ahead => guesses.push(x, approach, &mut self.sampler),
                     Corrected::Astray => self.set_off((x, y), ranges, walks, surfels),
@@ -247,10 +246,11 @@ impl<'a> Band<'a> {
         for &(x, _) in &guesses.all[..guesses.count] {
             self.set_off((x, y), ranges, walks, surfels);
         }
+        guesses.count = 0;
     }
 
-    /// Mean depth of the pixels of the coarser grid around one, where all see surface within a truncation and
-    /// no other can lie far in front of it.
+    /// Mean depth of the pixels of the coarser grid around one, where all see surface within a truncation. On a
+    /// grid of more than a pixel none may lie far in front of it either.
     fn guess(
         &self,
         (x, y): (usize, usize),
@@ -278,8 +278,8 @@ impl<'a> Band<'a> {
         let most = depths[0].max(depths[1]).max(depths[2].max(depths[3]));
         let reach = self.march.truncation;
         let z = 0.25 * (depths[0] + depths[1] + (depths[2] + depths[3]));
-        let free = z - self.range((x, y), ranges).nearest;
-        (least > 0.0 && most - least < reach && free < MOST_FREE * reach).then(|| Approach {
+        let is_near = grid == 1 || z - self.range((x, y), ranges).nearest < MOST_FREE * reach;
+        (least > 0.0 && most - least < reach && is_near).then(|| Approach {
             ray: self.ray((x, y)),
             z,
             limits: [z - reach, z + reach],

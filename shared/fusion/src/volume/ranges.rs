@@ -9,7 +9,7 @@ use crate::kernels::integrate::{Octants, Z_NEAR};
 use crate::model_view::DepthRange;
 
 /// Edge of a tile, pixels.
-pub(super) const TILE: usize = 4;
+pub(super) const TILE: usize = 2;
 /// Voxels along an octant of a block.
 const OCTANT_EDGE: f32 = BLOCK_EDGE as f32 / 2.0;
 

@@ -82,11 +82,20 @@ impl<'a> Neighbourhood<'a> {
     /// Asks for the voxels that a sample reads.
     #[inline]
     pub(crate) fn fetch(&self) {
-        for z in 0..REACH {
-            // Two rows share a cache line, or nearly so.
-            for y in [0, 2, 3] {
-                self.fetch_row(y, z, |block| &block.tsdf);
-            }
+        // Rows 2k and 2k + 1 of a block share a cache line.
+        for (y, z) in [
+            (1, 0),
+            (2, 0),
+            (0, 1),
+            (2, 1),
+            (3, 1),
+            (0, 2),
+            (2, 2),
+            (3, 2),
+            (1, 3),
+            (2, 3),
+        ] {
+            self.fetch_row(y, z, |block| &block.tsdf);
         }
         for (y, z) in [(1, 1), (2, 1), (1, 2), (2, 2)] {
             self.fetch_row(y, z, |block| &block.weight);
