@@ -124,6 +124,26 @@ fn every_figure_of_the_page_is_in_its_table() {
 }
 
 #[test]
+fn the_runs_of_fusion_ended_well_and_believed_no_wrong_pose() {
+    for scene in ["mitsuba-dev", "redkitchen"] {
+        let rows = rows(&docs().join(format!("tradeoff/{scene}/fusion.csv")));
+        let grid = glint::tradeoff::fusion::SUBJECT.points();
+        assert!(grid.iter().all(|point| rows.contains_key(&point.name)));
+        for (point, runs) in &rows {
+            let what = format!("{point} of {scene}");
+            for key in ["ate_mm", "fscore_5mm"] {
+                let is_same = runs.iter().all(|run| run[key] == runs[0][key]);
+                assert!(is_same, "{key} of {what} is the same at each repetition");
+            }
+            for run in runs {
+                assert_eq!(run["status"], "ok", "{what}");
+                assert_eq!(run["wrong_accepted"], "0", "{what}");
+            }
+        }
+    }
+}
+
+#[test]
 fn the_default_is_on_the_front_and_every_run_ended_well() {
     let rows = rows(&docs().join("tradeoff/redkitchen/codec.csv"));
     assert_ne!(rows["default"][0]["front"], "no");
