@@ -38,7 +38,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Record a source into a new file, until it ends or a signal comes.
-    Record(RecordArgs),
+    Record(Box<RecordArgs>),
     /// Say what a recording holds; works while it is written.
     Info(InfoArgs),
     /// Check every byte, and that no frame is missing.
