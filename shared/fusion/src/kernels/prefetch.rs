@@ -2,7 +2,7 @@
 
 /// Brings the cache line of `values[index]` near, where the processor can; changes no result.
 #[inline]
-pub(crate) fn prefetch<const N: usize>(values: &[f32; N], index: usize) {
+pub(crate) fn prefetch<T, const N: usize>(values: &[T; N], index: usize) {
     let value = &raw const values[index];
     #[cfg(target_arch = "x86_64")]
     #[expect(unsafe_code, reason = "an instruction of the processor")]

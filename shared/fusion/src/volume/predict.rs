@@ -54,8 +54,8 @@ impl Volume {
     ///
     /// A surface is the first change from observed free space to behind a surface whose eight voxels have at
     /// least [`ModelView::min_weight`]; backs of surfaces and the ends of the band show nothing. What is narrower
-    /// than two pixels may be missed in front of a surface. Allocates
-    /// nothing once the view has its size; the same bits for any number of threads.
+    /// than two pixels, or than four and within two truncations of what lies behind it, may be missed in front of
+    /// a surface. Allocates nothing once the view has its size; the same bits for any number of threads.
     pub fn predict(&self, camera: &Intrinsics, world_from_camera: &Pose, view: &mut ModelView) {
         view.reset(camera, world_from_camera);
         let rays = VoxelRays::new(self, camera, world_from_camera);
@@ -206,7 +206,12 @@ impl<'a> Band<'a> {
             };
             for x in (from..right).step_by(step) {
                 match self.guess((x, y), grid, ranges, surfels) {
-                    Some(guess) => guesses.push(x, guess, &mut self.sampler),
+                    Some(guess) => {
+                        if self.has_color {
+                            self.sampler.fetch_luminance(guess.ray.at(guess.z));
+                        }
+                        guesses.push(x, guess, &mut self.sampler);
+                    }
                     None => self.set_off((x, y), ranges, &mut walks, surfels),
                 }
             }

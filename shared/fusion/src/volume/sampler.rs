@@ -7,6 +7,7 @@ use super::allocate::whole_below;
 use super::key::{BLOCK_EDGE, BLOCK_SHIFT, pack};
 use crate::kernels::field::{FieldSample, NOTHING, Neighbourhood, REACH, sample_fields};
 use crate::kernels::integrate::{Block, ColorBlock};
+use crate::kernels::prefetch::prefetch;
 
 /// Entries of the cache along an axis, a power of two: neighbouring rays stay within such a cube of blocks.
 const CACHE_EDGE: usize = 8;
@@ -107,6 +108,26 @@ impl<'a> Sampler<'a> {
         samples: &mut [FieldSample],
     ) {
         sample_fields(self.volume.level, points, min_weight, samples);
+    }
+
+    /// Asks for most of what [`Sampler::luminance`] reads at `point`.
+    #[inline]
+    pub(super) fn fetch_luminance(&mut self, point: Vec3A) {
+        let cell = whole_below(point);
+        let slot = self.slot(cell.map(|c| c >> BLOCK_SHIFT));
+        let Some(color) = slot.block.and_then(|_| self.volume.color(slot.index)) else {
+            return;
+        };
+        let [x, y, z] = cell.map(|c| c as usize % BLOCK_EDGE);
+        // Four rows along y share a cache line.
+        for z in [z, (z + 1) % BLOCK_EDGE] {
+            let voxel = x | y << BLOCK_SHIFT | z << (2 * BLOCK_SHIFT);
+            color
+                .channels
+                .iter()
+                .chain([&color.weight])
+                .for_each(|values| prefetch(values, voxel));
+        }
     }
 
     /// Linear luminance at `point`, Rec. 709: the mean of the colours of the eight voxels around it, by their
