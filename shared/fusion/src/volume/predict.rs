@@ -236,12 +236,12 @@ impl<'a> Band<'a> {
             self.sampler
                 .sample_all(points, self.march.min_weight, &mut samples);
             guesses.count = 0;
-            for number in 0..count {
+            for (number, sample) in samples[..count].iter().enumerate() {
                 let (x, mut approach) = guesses.all[number];
-                match approach.correct(&samples[number], &self.march) {
+                match approach.correct(sample, &self.march) {
                     Corrected::Arrived => {
                         surfels[y * self.width + x] =
-                            self.surfel((x, y), &approach.ray, approach.z, &samples[number]);
+                            self.surfel((x, y), &approach.ray, approach.z, sample);
                     }
                     Corrected::Ahead => guesses.push(x, approach, &mut self.sampler),
                     Corrected::Astray => self.set_off((x, y), ranges, walks, surfels),
