@@ -236,7 +236,7 @@ impl<'a> Band<'a> {
             self.sampler
                 .sample_all(points, self.march.min_weight, &mut samples);
             guesses.count = 0;
-            for (number, sample) in samples.iter().enumerate().take(count) {
+            for (number, sample) in samples[..count].iter().enumerate() {
                 let (x, mut approach) = guesses.all[number];
                 match approach.correct(sample, &self.march) {
                     Corrected::Arrived => {
