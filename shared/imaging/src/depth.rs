@@ -201,7 +201,7 @@ mod tests {
     #[test]
     fn a_lens_moves_samples_and_mixes_none() {
         let lens = Distortion {
-            k1: -0.3,
+            k1: -0.2,
             ..Distortion::default()
         };
         let camera = Intrinsics::new(64, 48, 50.0, 50.0, 31.5, 23.5, lens).unwrap();
