@@ -11,8 +11,9 @@ use fusion::Level;
 use fusion::ModelView;
 use fusion::kernels::icp::{IcpStep, IcpSums, ModelPixels, sum_tile};
 use fusion::tracking::equations::NormalEquations;
+use fusion::tracking::icp::moved;
 use fusion::tracking::{GreyFrame, Photometric, PointPyramid};
-use geometry::{DVec3, Pose, rotation};
+use geometry::{DVec3, Pose};
 use glam::DMat3;
 
 /// Size of frame and photograph: 1 = a quarter.
@@ -97,21 +98,8 @@ fn sum(
     pairing: Pairing,
 ) -> IcpSums {
     let grid = &points.levels()[level].points;
-    let model = ModelPixels {
-        surfels: &view.surfels,
-        width: view.width(),
-        height: view.height(),
-        focal: view.camera.focal().as_vec2().to_array(),
-        center: view.camera.center().as_vec2().to_array(),
-    };
-    let rows = pose.matrix().transpose();
-    let step = IcpStep {
-        rotation: [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.as_vec3().to_array()),
-        translation: pose.translation().as_vec3().to_array(),
-        center: center.as_vec3().to_array(),
-        largest_distance: pairing.largest_distance,
-        robust_scale: pairing.robust_scale,
-    };
+    let model = ModelPixels::of(view);
+    let step = IcpStep::at(pose, center, pairing.largest_distance, pairing.robust_scale);
     let mut total = IcpSums::ZERO;
     for index in 0..grid.tile_count() {
         total.add(&sum_tile(instructions, grid.tile(index), model, &step));
@@ -127,19 +115,6 @@ fn total(mut sum: NormalEquations, other: &NormalEquations) -> NormalEquations {
         sum.gradient[row] += other.gradient[row];
     }
     sum
-}
-
-/// `pose` after the small motion `step` = (ω R, t) about `center`; `None` when it is not finite.
-fn moved(pose: &Pose, step: &[f64; 6], center: DVec3, radius: f64) -> Option<Pose> {
-    let turn = DVec3::new(step[0], step[1], step[2]) / radius;
-    let shift = DVec3::new(step[3], step[4], step[5]);
-    let turned = Pose::new(rotation::exp(turn), DVec3::ZERO).ok()?;
-    let about_center = Pose::new(
-        turned.rotation(),
-        center - turned.transform_vector(center) + shift,
-    )
-    .ok()?;
-    Some(about_center * *pose)
 }
 
 /// The equations' Hessian about (ω R, t) at `center` in view axes, as information about the rotation and the

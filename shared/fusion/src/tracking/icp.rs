@@ -223,21 +223,8 @@ impl Icp {
         center: DVec3,
         pass: IcpPass,
     ) -> IcpSums {
-        let model = ModelPixels {
-            surfels: &view.surfels,
-            width: view.camera.width() as usize,
-            height: view.camera.height() as usize,
-            focal: view.camera.focal().as_vec2().to_array(),
-            center: view.camera.center().as_vec2().to_array(),
-        };
-        let rows = pose.matrix().transpose();
-        let step = IcpStep {
-            rotation: [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.as_vec3().to_array()),
-            translation: pose.translation().as_vec3().to_array(),
-            center: center.as_vec3().to_array(),
-            largest_distance: pass.largest_distance,
-            robust_scale: pass.robust_scale,
-        };
+        let model = ModelPixels::of(view);
+        let step = IcpStep::at(pose, center, pass.largest_distance, pass.robust_scale);
         self.tiles.resize(points.tile_count(), IcpSums::ZERO);
         let level = self.level;
         self.tiles
@@ -254,7 +241,7 @@ impl Icp {
 }
 
 /// `pose` after the small motion `step` = (ω R, t) about `center`; `None` when it is not finite.
-pub(super) fn moved(pose: &Pose, step: &[f64; 6], center: DVec3, radius: f64) -> Option<Pose> {
+pub fn moved(pose: &Pose, step: &[f64; 6], center: DVec3, radius: f64) -> Option<Pose> {
     let turn = DVec3::new(step[0], step[1], step[2]) / radius;
     let shift = DVec3::new(step[3], step[4], step[5]);
     let turned = Pose::new(rotation::exp(turn), DVec3::ZERO).ok()?;

@@ -19,8 +19,10 @@ mod scalar;
 #[cfg(test)]
 mod tests;
 
+use geometry::{DVec3, Pose};
+
 use super::Level;
-use crate::model_view::Surfel;
+use crate::model_view::{ModelView, Surfel};
 
 /// Points of one tile.
 pub const TILE_POINTS: usize = 1024;
@@ -60,6 +62,19 @@ pub struct ModelPixels<'a> {
     pub center: [f32; 2],
 }
 
+impl<'a> ModelPixels<'a> {
+    /// The pixels of a view.
+    pub fn of(view: &'a ModelView) -> Self {
+        Self {
+            surfels: &view.surfels,
+            width: view.width(),
+            height: view.height(),
+            focal: view.camera.focal().as_vec2().to_array(),
+            center: view.camera.center().as_vec2().to_array(),
+        }
+    }
+}
+
 /// Where the points are, and how residuals are weighted.
 #[derive(Clone, Copy, Debug)]
 pub struct IcpStep {
@@ -73,6 +88,25 @@ pub struct IcpStep {
     pub largest_distance: f32,
     /// Scale of Geman-McClure in standard deviations.
     pub robust_scale: f32,
+}
+
+impl IcpStep {
+    /// At a pose of the live camera, turning about `center` (view axes, metres).
+    pub fn at(
+        view_from_live: &Pose,
+        center: DVec3,
+        largest_distance: f32,
+        robust_scale: f32,
+    ) -> Self {
+        let rows = view_from_live.matrix().transpose();
+        Self {
+            rotation: [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.as_vec3().to_array()),
+            translation: view_from_live.translation().as_vec3().to_array(),
+            center: center.as_vec3().to_array(),
+            largest_distance,
+            robust_scale,
+        }
+    }
 }
 
 /// Sums over points.
