@@ -2,9 +2,13 @@
 
     python3 tests/peers/fusion_open3d.py [REDKITCHEN] [--voxel-mm 5] [--threads 1] [--rounds 3]
 
-Both fuse frames 122-221 with the given poses, truncation 8 voxels. Four rows, each with the ratio it needs:
-depth (allocation and integration), the same with colour, and the model predicted from each pose (vertex and
-normal) at 320x240 and at 640x480; then the F-score at 5 mm of the two meshes of the depth run, 0.95 needed.
+Both fuse frames 122-221 with the given poses, truncation 8 voxels. Rows, each with the ratio it needs: depth
+(allocation and integration), the same with colour, and the model predicted from each pose (vertex and normal) at
+320x240 and at 640x480. Both sides' predictions know the frame's depth: Open3D bounds its rays by the blocks that the
+depth meets, glint starts at the depth, as tracking does. The row "march" is glint's prediction without the depth.
+Last the F-score at 5 mm of the two meshes of the depth run, 0.95 needed: points sampled on one mesh against the
+surface of the other (against sampled points it would measure how dense they lie). Surface counts from three
+observations: Open3D's weights count them, glint's are (1 m / z)^2 each, so 3 / z^2 at the median depth.
 The two take turns `--rounds` times on the same cores; CPU time is compared (the machine may be busy), each
 side's best round counts.
 Open3D: compute_unique_block_coordinates + integrate on a t.geometry.VoxelBlockGrid of 16^3 blocks, tsdf,
@@ -36,6 +40,7 @@ ROWS = [
     ("integrate depth + colour", ["--color", "yes"], "core_ms_total", 8.0),
     ("predict 320x240", ["--predict", "320"], "predict_core_ms_total", 10.0),
     ("predict 640x480", ["--predict", "640"], "predict_core_ms_total", 10.0),
+    ("march 320x240", ["--predict", "320"], "march_core_ms_total", 0.0),
 ]
 HEADER = struct.Struct("<III4d")
 
@@ -134,21 +139,28 @@ def run_open3d(dump, voxel_mm, has_color, predict_width, mesh):
     print(json.dumps({
         "core_ms_total": sum(times) * 1e3,
         "predict_core_ms_total": sum(predict_times) * 1e3,
+        "march_core_ms_total": sum(predict_times) * 1e3,
         "blocks": int(grid.hashmap().size()),
     }))
 
 
 def f_score(paths, distance):
-    """Harmonic mean of the shares of points of each surface that lie within `distance` of the other."""
-    clouds = []
-    for path in paths:
-        mesh = o3d.io.read_triangle_mesh(path)
-        o3d.utility.random.seed(1)
-        clouds.append(mesh.sample_points_uniformly(500_000))
+    """Harmonic mean of the shares of points on each surface that lie within `distance` of the other surface."""
+    meshes = [o3d.io.read_triangle_mesh(path) for path in paths]
     shares = []
-    for one, other in (clouds, clouds[::-1]):
-        shares.append(float((np.asarray(one.compute_point_cloud_distance(other)) < distance).mean()))
+    for one, other in (meshes, meshes[::-1]):
+        o3d.utility.random.seed(1)
+        points = np.asarray(one.sample_points_uniformly(300_000).points, dtype=np.float32)
+        scene = o3d.t.geometry.RaycastingScene()
+        scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(other))
+        shares.append(float((scene.compute_distance(o3d.core.Tensor(points)).numpy() < distance).mean()))
     return 2.0 * shares[0] * shares[1] / max(sum(shares), 1e-12), shares
+
+
+def median_depth(dump):
+    """Metres."""
+    depths = np.concatenate([depth[::8, ::8].ravel() for _, depth, _ in read_dump(dump)[1]])
+    return float(np.median(depths[depths > 0])) / 1000.0
 
 
 def last_line_of(command, threads):
@@ -194,8 +206,9 @@ def main():
         fuse = [str(target / "release/examples/fuse_folder"), dump, *voxel,
                 "--truncation-voxels", str(TRUNCATION_VOXELS), "--threads", str(arguments.threads)]
         open3d = [sys.executable, __file__, "--open3d-on", dump, *voxel]
+        min_weight = 3.0 / median_depth(dump) ** 2
+        fuse += ["--min-weight", f"{min_weight:.2f}"]
         meshes = [os.path.join(scratch, name) for name in ("fusion.ply", "open3d.ply")]
-        # Tracking is measured by a row of its own here.
         for name, flags, key, least_ratio in ROWS:
             best = [float("inf")] * 2
             for _ in range(arguments.rounds):
@@ -205,8 +218,9 @@ def main():
                     best[side] = min(best[side], report[key] / count)
             ratio = best[1] / best[0]
             is_reached &= ratio >= least_ratio
+            needed = f"(needed {least_ratio:g})" if least_ratio else ""
             print(f"  {name:24} fusion {best[0]:8.2f}   open3d {best[1]:8.2f}   ratio {ratio:6.2f} "
-                  f"(needed {least_ratio:g})", flush=True)
+                  f"{needed}", flush=True)
         score, shares = f_score(meshes, F_SCORE_DISTANCE)
     is_reached &= score >= LEAST_F_SCORE
     print(f"  F-score of the meshes at {F_SCORE_DISTANCE * 1000:g} mm: {score:.4f}, shares {shares[0]:.4f} and "

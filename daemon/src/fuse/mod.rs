@@ -56,15 +56,13 @@ pub const THREADS: usize = 2;
 
 impl Default for FuseOptions {
     fn default() -> Self {
+        let live = LiveConfig::default();
         let volume = VolumeConfig {
             voxel_size: VOXEL_SIZE,
-            ..VolumeConfig::default()
+            ..live.volume
         };
         Self {
-            live: LiveConfig {
-                volume,
-                ..LiveConfig::default()
-            },
+            live: LiveConfig { volume, ..live },
             threads: THREADS,
             stride: 1,
             mesh: None,

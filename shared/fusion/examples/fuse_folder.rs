@@ -8,8 +8,8 @@
 //! width·height · 3 u8 (red, green, blue, taken as sRGB and as registered).
 //! `tests/peers/fusion_open3d.py` writes such a file.
 //!
-//! `--color yes` fuses colour too. `--predict WIDTH` predicts the model from each pose before its frame is
-//! fused, at that width; the time of it stands apart.
+//! `--color yes` fuses colour too. `--predict WIDTH` predicts the model from each pose when its frame is fused, at
+//! that width, once by the depth of the frame and once (`march_…`) without it; the times stand apart.
 
 mod mesh_file;
 
@@ -94,7 +94,9 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let seen = arguments.predict_width.map(|to| scaled(&camera, to));
     let mut prediction = seen.transpose()?.map(|seen| Prediction {
         view: ModelView::new(&seen, &Pose::IDENTITY),
+        depth: Vec::new(),
         frame_ms: Vec::new(),
+        march_ms: 0.0,
         surface_count: 0,
     });
     for _ in 0..frame_count {
@@ -114,9 +116,6 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
                 LinearPixel::from_radiance([0, 1, 2].map(|n| linear[usize::from(c[n])]), false)
             })
             .collect();
-        if let Some(prediction) = &mut prediction {
-            prediction.measure(&volume, &world_from_camera);
-        }
         let start = process_ms();
         if arguments.has_color {
             volume.integrate_colored(&depth, &color, &camera, &world_from_camera)?;
@@ -124,6 +123,9 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
             volume.integrate(&depth, &camera, &world_from_camera)?;
         }
         frame_ms.push(process_ms() - start);
+        if let Some(prediction) = &mut prediction {
+            prediction.measure(&volume, &depth, &camera, &world_from_camera);
+        }
     }
     let start = process_ms();
     let mesh = extract_mesh(
@@ -137,17 +139,18 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         mesh_file::write_ply(&mesh, path)?;
     }
     let (total, median) = total_and_median(&mut frame_ms);
-    let (predict_total, predict_median, surface_count) = match &mut prediction {
+    let (predict_total, predict_median, march_total, surface_count) = match &mut prediction {
         Some(prediction) => {
             let (total, median) = total_and_median(&mut prediction.frame_ms);
-            (total, median, prediction.surface_count)
+            (total, median, prediction.march_ms, prediction.surface_count)
         }
-        None => (0.0, 0.0, 0),
+        None => (0.0, 0.0, 0.0, 0),
     };
     println!(
         "{{\"frames\": {}, \"core_ms_total\": {total:.1}, \"core_ms_median\": {median:.2}, \"blocks\": {}, \
          \"refused\": {}, \"memory_bytes\": {}, \"predict_core_ms_total\": {predict_total:.1}, \
-         \"predict_core_ms_median\": {predict_median:.2}, \"predicted_surfels\": {surface_count}, \
+         \"predict_core_ms_median\": {predict_median:.2}, \"march_core_ms_total\": {march_total:.1}, \
+         \"predicted_surfels\": {surface_count}, \
          \"mesh_core_ms\": {mesh_ms:.1}, \"vertices\": {}, \"triangles\": {}}}",
         frame_ms.len(),
         volume.block_count(),
@@ -159,21 +162,33 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The model seen before each frame, and what that cost.
+/// The model seen from each frame, and what that cost.
 struct Prediction {
     view: ModelView,
+    /// Depth of the frame at the view's pixels.
+    depth: Vec<f32>,
     frame_ms: Vec<f64>,
+    march_ms: f64,
     /// Over all frames.
     surface_count: usize,
 }
 
 impl Prediction {
-    fn measure(&mut self, volume: &Volume, world_from_camera: &Pose) {
+    fn measure(&mut self, volume: &Volume, depth: &[f32], full: &Intrinsics, pose: &Pose) {
         let camera = self.view.camera;
         let start = process_ms();
-        volume.predict(&camera, world_from_camera, &mut self.view);
+        // The nearest pixel.
+        let step = full.width() as usize / camera.width() as usize;
+        self.depth.clear();
+        for row in depth.chunks(full.width() as usize).step_by(step) {
+            self.depth.extend(row.iter().step_by(step));
+        }
+        volume.predict_near(&camera, pose, &self.depth, &mut self.view);
         self.frame_ms.push(process_ms() - start);
         self.surface_count += self.view.surface_count();
+        let start = process_ms();
+        volume.predict(&camera, pose, &mut self.view);
+        self.march_ms += process_ms() - start;
     }
 }
 

@@ -164,14 +164,14 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         volume: VolumeConfig {
             voxel_size: arguments.voxel_mm / 1000.0,
             truncation_voxels: arguments.truncation_voxels,
-            ..VolumeConfig::default()
+            ..LiveConfig::default().volume
         },
         ..LiveConfig::default()
     };
     let first = frames[order[0]].as_ref().ok_or("no such frame")?.reference;
     let mut live = LiveFusion::new(config, rig, first)?;
     let (mut references, mut estimates) = (Vec::new(), Vec::new());
-    let mut ms = [0.0; 4];
+    let mut ms = [0.0; 3];
     let mut counts = [0; 3];
     let mut worst = (0.0_f64, 0.0_f64);
     let mut wrong = 0;
@@ -223,24 +223,10 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         let loaded = process_ms();
         let tracked = live.track(time, arguments.effort);
         let found = process_ms();
-        // What the model looks like from there, once more: the share of the prediction in the time of tracking.
-        let mut view = live.view().clone();
-        let predicting = process_ms();
-        live.volume().predict(
-            &live.view().camera,
-            &live.view().world_from_camera,
-            &mut view,
-        );
-        let predicted = process_ms() - predicting;
         let fusing = process_ms();
         live.fuse(&frame.depth, arguments.grey.then_some(&pixels))?;
         let fused = process_ms();
-        let parts = [
-            loaded - start,
-            found - loaded,
-            fused - fusing,
-            found - loaded - predicted,
-        ];
+        let parts = [loaded - start, found - loaded, fused - fusing];
         for (sum, part) in ms.iter_mut().zip(parts) {
             *sum += part;
         }
@@ -298,7 +284,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let error = trajectory_error(&references, &estimates)?;
     let n = order.len() as f64;
     println!(
-        "{{\"frames\": {}, \"ok\": {}, \"weak\": {}, \"lost\": {}, \"ate_mm\": {:.2}, \"worst_mm\": {:.1}, \"worst_deg\": {:.2}, \"wrong\": {wrong}, \"end_mm\": {end_mm:.1}, \"load_ms\": {:.2}, \"track_ms\": {:.2}, \"align_ms\": {:.2}, \"fuse_ms\": {:.2}, \"blocks\": {}}}",
+        "{{\"frames\": {}, \"ok\": {}, \"weak\": {}, \"lost\": {}, \"ate_mm\": {:.2}, \"worst_mm\": {:.1}, \"worst_deg\": {:.2}, \"wrong\": {wrong}, \"end_mm\": {end_mm:.1}, \"load_ms\": {:.2}, \"track_ms\": {:.2}, \"fuse_ms\": {:.2}, \"blocks\": {}}}",
         order.len(),
         counts[0],
         counts[1],
@@ -308,7 +294,6 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         worst.1,
         ms[0] / n,
         ms[1] / n,
-        ms[3] / n,
         ms[2] / n,
         live.volume().block_count()
     );

@@ -41,4 +41,4 @@ pub use mesh::{Mesh, MeshConfig, components, extract_mesh, remove_small_componen
 pub use model_view::{ModelView, Surfel};
 pub use normals::{NormalNoise, normal_noise, rounds_for_voxel, smooth_normals};
 pub use texture::{RobustMinimum, Sample, frame_gains, robust_minimum};
-pub use volume::{IntegrateStats, Volume, VolumeConfig};
+pub use volume::{IntegrateStats, SETTLED_COLORS, Volume, VolumeConfig};

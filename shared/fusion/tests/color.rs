@@ -1,7 +1,10 @@
 //! Colour through the volume: fused, meshed, predicted.
 
+use std::num::NonZeroU32;
+
 use fusion::{
-    FusionError, MeshConfig, ModelView, Volume, VolumeConfig, extract_mesh, remove_small_components,
+    FusionError, MeshConfig, ModelView, SETTLED_COLORS, Volume, VolumeConfig, extract_mesh,
+    remove_small_components,
 };
 use geometry::{Intrinsics, Pose};
 use imaging::LinearPixel;
@@ -58,6 +61,66 @@ fn colour_reaches_the_mesh_and_the_prediction() {
         let luminance = 0.2126 * red + 0.7152 * green + 0.0722 * blue;
         assert!((view.at(x, 60).grey - luminance).abs() < 1e-3);
     }
+    // Shaded afterwards it is the same.
+    let shaded: Vec<f32> = view.surfels.iter().map(|surfel| surfel.grey).collect();
+    view.surfels.iter_mut().for_each(|surfel| surfel.grey = 0.0);
+    volume.shade(&mut view);
+    let again: Vec<f32> = view.surfels.iter().map(|surfel| surfel.grey).collect();
+    assert_eq!(again, shaded);
+}
+
+#[test]
+fn a_settled_block_takes_colour_in_its_turn() {
+    const STRIDE: u32 = 4;
+    let camera = camera(96);
+    let wall = vec![0.6; 96 * 72];
+    let [bright, dark] =
+        [1.0, 0.0].map(|v| vec![LinearPixel::from_radiance([v; 3], false); 96 * 72]);
+    let mut strided = Volume::new(VolumeConfig {
+        settled_color_stride: NonZeroU32::new(STRIDE).expect("not zero"),
+        ..volume().config().clone()
+    })
+    .expect("a usable config");
+    let mut every = volume();
+    let fuse = |volume: &mut Volume, color: &[LinearPixel]| {
+        volume
+            .integrate_colored(&wall, color, &camera, &Pose::IDENTITY)
+            .expect("one value per pixel");
+    };
+    // One frame more: the first only remembers what it met once.
+    for _ in 0..=SETTLED_COLORS {
+        fuse(&mut strided, &bright);
+        fuse(&mut every, &bright);
+    }
+    let positions = |volume: &Volume| extract_mesh(volume, &MeshConfig::default()).positions;
+    let radiance = |volume: &Volume| extract_mesh(volume, &MeshConfig::default()).radiance;
+    assert_eq!(radiance(&strided), radiance(&every), "not settled yet");
+    let changed = |before: &[[f32; 3]], after: &[[f32; 3]]| {
+        let pairs = before.iter().zip(after);
+        pairs
+            .filter(|(before, after)| before[0] != after[0])
+            .count()
+    };
+    // In a round of turns every place darkens, each frame a part of them.
+    let start = radiance(&strided);
+    let mut before = start.clone();
+    for _ in 0..STRIDE {
+        fuse(&mut strided, &dark);
+        let after = radiance(&strided);
+        let part = changed(&before, &after);
+        assert!(
+            part > 0 && part < before.len(),
+            "{part} of {}",
+            before.len()
+        );
+        before = after;
+    }
+    assert_eq!(changed(&start, &before), start.len());
+    // Depth is taken from every frame all the while.
+    for _ in 0..STRIDE {
+        fuse(&mut every, &dark);
+    }
+    assert_eq!(positions(&strided), positions(&every));
 }
 
 #[test]

@@ -1,9 +1,14 @@
 //! Settings of live tracking and fusion.
 
+use std::num::NonZeroU32;
+
 use geometry::{Intrinsics, Pose};
 
 use crate::tracking::{DepthNoise, Gates, IcpConfig, KeyframeConfig};
 use crate::volume::VolumeConfig;
+
+/// One colour in so many frames is enough for a surface that has been looked at for a while, at 30 frames a second.
+const SETTLED_COLOR_STRIDE: NonZeroU32 = NonZeroU32::new(4).unwrap();
 
 /// The cameras.
 #[derive(Clone, Copy, Debug)]
@@ -48,7 +53,10 @@ pub struct LiveConfig {
 impl Default for LiveConfig {
     fn default() -> Self {
         Self {
-            volume: VolumeConfig::default(),
+            volume: VolumeConfig {
+                settled_color_stride: SETTLED_COLOR_STRIDE,
+                ..VolumeConfig::default()
+            },
             icp: IcpConfig::default(),
             noise: DepthNoise::default(),
             level_count: 3,

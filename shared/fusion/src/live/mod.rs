@@ -8,7 +8,7 @@
 mod config;
 mod relocalise;
 
-use geometry::{DVec3, Intrinsics, Pose};
+use geometry::{DVec3, Pose};
 use imaging::{DepthImage, LinearPixel, Registration};
 
 pub use self::config::{Effort, LiveConfig, LiveRig};
@@ -277,7 +277,7 @@ impl LiveFusion {
         let input = IcpInput {
             points: &self.points,
             view: &self.view,
-            grey: self.grey.as_ref().filter(|_| self.has_grey),
+            grey: None,
         };
         let pass_count = self.icp.config().passes.len();
         let mut best: Option<Alignment> = None;
@@ -292,6 +292,18 @@ impl LiveFusion {
             }
         }
         let coarse = best?;
+        // Photographs decide what shape leaves open; where nothing is open, what the model looks like is not needed.
+        let knee = self.icp.config().photometric_knee;
+        let grey = self.grey.as_ref().filter(|_| self.has_grey);
+        let grey = grey.filter(|_| coarse.equations.has_open(knee));
+        if grey.is_some() {
+            self.maps[self.map].volume.shade(&mut self.view);
+        }
+        let input = IcpInput {
+            points: &self.points,
+            view: &self.view,
+            grey,
+        };
         let last = pass_count - usize::from(effort.skip_finest && pass_count > 2);
         let alignment = self
             .icp
@@ -324,10 +336,13 @@ impl LiveFusion {
     fn predict(&mut self, world_from_camera: &Pose, effort: Effort) {
         let level = self.config.view_level + usize::from(effort.coarse_view);
         let level = level.min(self.points.levels().len() - 1);
-        let camera: Intrinsics = self.points.levels()[level].camera;
-        self.maps[self.map]
-            .volume
-            .predict(&camera, world_from_camera, &mut self.view);
+        let level = &self.points.levels()[level];
+        self.maps[self.map].volume.predict_near(
+            &level.camera,
+            world_from_camera,
+            level.points.depth(),
+            &mut self.view,
+        );
     }
 
     fn accept(&mut self, alignment: &Alignment, state: TrackState, time_nanos: i64) {

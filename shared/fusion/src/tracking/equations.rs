@@ -38,7 +38,8 @@ impl NormalEquations {
     }
 
     /// Adds `other` in the directions that `self` observes badly: along an eigenvector of `self` with the share λ
-    /// of the largest eigenvalue, `other` counts `knee / (knee + λ)`.
+    /// of the largest eigenvalue, `other` counts 1 − λ / 2 `knee`, and nothing from λ = 2 `knee` on
+    /// ([`NormalEquations::has_open`]).
     ///
     /// With B = V diag(√share) Vᵀ the sum is that of the two energies when `other` is asked about B x.
     pub fn blend(&self, other: &Self, knee: f64) -> Self {
@@ -50,7 +51,7 @@ impl NormalEquations {
             } else {
                 0.0
             };
-            (knee / (knee + ratio)).sqrt()
+            (1.0 - 0.5 * ratio / knee).max(0.0).sqrt()
         });
         let blend = from_eigen(&eigen.vectors, &shares);
         let mut sum = *self;
@@ -63,6 +64,14 @@ impl NormalEquations {
             }
         }
         sum
+    }
+
+    /// Whether [`NormalEquations::blend`] with the same `knee` would add anything: whether a direction has an
+    /// eigenvalue below 2 `knee` of the largest.
+    pub fn has_open(&self, knee: f64) -> bool {
+        let values = symmetric_eigen(&self.hessian).values;
+        // NaN and nothing at all are open.
+        !(values[5] >= 2.0 * knee * values[0] && values[0] > 0.0)
     }
 
     /// The step along the observed directions (hard-cases C01): those whose eigenvalue is above `threshold` of the

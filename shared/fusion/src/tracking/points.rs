@@ -54,6 +54,11 @@ impl PointGrid {
         self.measured_count
     }
 
+    /// Depth of each place, metres; NaN where nothing was measured.
+    pub fn depth(&self) -> &[f32] {
+        &self.z
+    }
+
     /// Tiles of [`TILE_POINTS`], the last one shorter.
     pub fn tile(&self, index: usize) -> PointTile<'_> {
         let range = index * TILE_POINTS..((index + 1) * TILE_POINTS).min(self.len());

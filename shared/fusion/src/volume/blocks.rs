@@ -17,6 +17,8 @@ pub(super) struct Slab {
     pub(super) blocks: Vec<Block>,
     /// Colours, as many as blocks, or none in a volume without colour.
     pub(super) colors: Vec<ColorBlock>,
+    /// Colours that each block took, as many as fit.
+    pub(super) color_counts: [u8; SLAB_BLOCKS],
     /// Least and greatest coordinates of its blocks.
     pub(super) low: [i32; 3],
     pub(super) high: [i32; 3],
@@ -123,6 +125,7 @@ impl BlockStore {
                 keys: [0; SLAB_BLOCKS],
                 blocks: Vec::with_capacity(SLAB_BLOCKS),
                 colors: Vec::with_capacity(if self.has_color { SLAB_BLOCKS } else { 0 }),
+                color_counts: [0; SLAB_BLOCKS],
                 low: [i32::MAX; 3],
                 high: [i32::MIN; 3],
                 touched: 0,

@@ -1,5 +1,7 @@
 //! Settings of a volume.
 
+use std::num::NonZeroU32;
+
 use geometry::DVec3;
 
 use crate::error::FusionError;
@@ -15,6 +17,10 @@ const MAX_DEPTH: f32 = 1000.0;
 const REFERENCE_DEPTHS: std::ops::RangeInclusive<f32> = 1e-3..=1e3;
 /// Caps beyond this stop a running average in f32: steps of 1/cap round away (hard-cases D01, D05).
 const MAX_WEIGHT_CAP: f32 = 1e6;
+
+/// Colours after which that of a block is settled: as many as half a second holds, so that a surface has been looked
+/// at while the camera moved on.
+pub const SETTLED_COLORS: u8 = 16;
 
 /// Settings of a [`super::Volume`].
 #[derive(Clone, Debug, PartialEq)]
@@ -35,6 +41,9 @@ pub struct VolumeConfig {
     /// and never a second surface (D07). The default is that of a sensor with 75 mm baseline and 1/8 pixel
     /// of disparity; 0 for exact depth.
     pub depth_step: f32,
+    /// Of so many coloured frames a block takes the colour of one, once it has taken [`SETTLED_COLORS`]: its average
+    /// then moves little, and a colour costs as much as a distance. 1 = of every frame.
+    pub settled_color_stride: NonZeroU32,
     /// Nearest depth that is used, metres.
     pub min_depth: f32,
     /// Farthest depth that is used, metres, at most 1000.
@@ -54,6 +63,7 @@ impl Default for VolumeConfig {
             weight_cap: 128.0,
             reference_depth: 1.0,
             depth_step: 0.0029,
+            settled_color_stride: NonZeroU32::MIN,
             min_depth: 0.3,
             max_depth: 4.0,
             memory_limit_bytes: 2 << 30,

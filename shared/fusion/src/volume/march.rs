@@ -16,8 +16,6 @@ const SHORTEST_STEP: f32 = 0.7;
 /// Voxels by which a crossing may lie outside its two samples, which are those of the nearest voxels: off by
 /// up to 0.87 voxels across the surface, so by five times that along a ray that meets it at 10 degrees.
 const CROSSING_SLACK: f32 = 4.0;
-/// Correction, in voxels, below which the next one would not show.
-const SMALL_CORRECTION: f32 = 0.25;
 /// Most corrections of a crossing.
 pub(super) const MOST_CORRECTIONS: usize = 4;
 /// Slope, in truncations per voxel times truncation voxels, below which it says nothing (D15).
@@ -34,6 +32,8 @@ pub(super) struct March {
     pub(super) nearest: f32,
     pub(super) farthest: f32,
     pub(super) min_weight: f32,
+    /// Correction, in voxels, below which the next one is left out.
+    pub(super) small_correction: f32,
 }
 
 /// One ray: a point at depth z is `eye + z · slope`, in voxels.
@@ -230,7 +230,7 @@ impl Approach {
         self.z += correction;
         if !(self.z >= self.limits[0] && self.z <= self.limits[1]) {
             Corrected::Astray
-        } else if correction.abs() < SMALL_CORRECTION * self.ray.z_per_voxel {
+        } else if correction.abs() < march.small_correction * self.ray.z_per_voxel {
             Corrected::Arrived
         } else {
             Corrected::Ahead

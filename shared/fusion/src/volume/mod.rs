@@ -33,7 +33,7 @@ use crate::kernels::integrate::{
     Block, ColorBlock, ColorView, Conflicts, UpdateRule, integrate_block,
 };
 
-pub use self::config::{MIN_TRUNCATION_VOXELS, VolumeConfig};
+pub use self::config::{MIN_TRUNCATION_VOXELS, SETTLED_COLORS, VolumeConfig};
 pub use self::table::BlockTable;
 
 /// Depth steps by which two observations of one surface may differ before they contradict each other.
@@ -51,6 +51,8 @@ pub struct Volume {
     toucher: Toucher,
     frame: FrameDepth,
     refused_count: u64,
+    /// Frames fused with colour.
+    colored_count: u64,
 }
 
 /// What one call of [`Volume::integrate`] did.
@@ -92,6 +94,7 @@ impl Volume {
             toucher: Toucher::default(),
             frame: FrameDepth::default(),
             refused_count: 0,
+            colored_count: 0,
         })
     }
 
@@ -268,6 +271,7 @@ impl Volume {
             conflict_at_one_metre: CONFLICT_STEPS * config.depth_step / config.truncation(),
         };
         let frame = &self.frame;
+        self.colored_count += u64::from(color.is_some());
         let update = SlabUpdate {
             level: self.level,
             frame,
@@ -277,6 +281,8 @@ impl Volume {
                 pixels: frame.color_view(color),
                 reach: COLOR_REACH_VOXELS / config.truncation_voxels,
             }),
+            color_turn: self.colored_count,
+            color_stride: config.settled_color_stride.get().into(),
         };
         self.store
             .slabs_mut()
@@ -316,6 +322,10 @@ struct SlabUpdate<'a> {
     projection: &'a Projection,
     rule: UpdateRule,
     colors: Option<ColorView<'a>>,
+    /// Number of this coloured frame.
+    color_turn: u64,
+    /// See [`VolumeConfig::settled_color_stride`].
+    color_stride: u64,
 }
 
 impl SlabUpdate<'_> {
@@ -335,7 +345,12 @@ impl SlabUpdate<'_> {
             view.is_inside = bounds.is_inside;
             let (before, after) = slab.blocks.split_at_mut(place + 1);
             let next = left.trailing_zeros() as usize;
-            let color = self.colors.zip(slab.colors.get_mut(place));
+            let color_count = &mut slab.color_counts[place];
+            let colors = self
+                .colors
+                .filter(|_| self.takes_color(place, *color_count));
+            let color = colors.zip(slab.colors.get_mut(place));
+            *color_count = color_count.saturating_add(u8::from(color.is_some()));
             slab.behind[place] |= integrate_block(
                 self.level,
                 &mut before[place],
@@ -347,5 +362,12 @@ impl SlabUpdate<'_> {
                 &mut conflicts,
             );
         }
+    }
+
+    /// Whether a block that took `color_count` colours takes one of this frame. Settled blocks take turns by their
+    /// place in the slab, so that no frame is dearer than the next.
+    fn takes_color(&self, place: usize, color_count: u8) -> bool {
+        color_count < SETTLED_COLORS
+            || (self.color_turn + place as u64).is_multiple_of(self.color_stride)
     }
 }

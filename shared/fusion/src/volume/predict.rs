@@ -7,11 +7,12 @@ use rayon::prelude::*;
 use super::Volume;
 use super::key::BLOCK_EDGE;
 use super::march::{Approach, Corrected, MOST_CORRECTIONS, March, Ray, Turn, Walk};
-use super::ranges::{TILE, Tiles};
+use super::ranges::{Detail, TILE, Tiles};
 use super::sampler::Sampler;
 use crate::kernels::field::{FieldSample, Neighbourhood};
 use crate::model_view::{DepthRange, ModelView, Surfel};
 
+mod near;
 #[cfg(test)]
 mod tests;
 
@@ -24,6 +25,8 @@ const GRIDS: [usize; 2] = [2, 1];
 /// Truncations of room between the nearest that a tile may hold and a surface that is guessed in it: with more,
 /// something narrow may stand before it.
 const MOST_FREE: f32 = 2.0;
+/// Correction, in voxels, below which the next one would not show.
+const SMALL_CORRECTION: f32 = 0.25;
 /// Most walks that take turns.
 const WALKS: usize = 32;
 /// Columns that are predicted together.
@@ -69,7 +72,7 @@ impl Volume {
             height,
             voxel_size: self.config.voxel_size,
         };
-        tiles.fit(&self.store, &rays);
+        tiles.fit(&self.store, &rays, Detail::Octants);
 
         let min_weight = view.min_weight.max(f32::MIN_POSITIVE);
         view.surfels
@@ -97,6 +100,7 @@ impl Volume {
             nearest: self.config.min_depth,
             farthest: self.config.max_depth + self.config.truncation(),
             min_weight,
+            small_correction: SMALL_CORRECTION,
         }
     }
 }
@@ -296,8 +300,13 @@ impl<'a> Band<'a> {
     }
 
     fn ray(&self, (x, y): (usize, usize)) -> Ray {
+        Ray::new(self.rays.eye, self.slope((x, y)))
+    }
+
+    /// Way along a pixel's ray per metre of z, voxels.
+    fn slope(&self, (x, y): (usize, usize)) -> Vec3A {
         let row = self.rays.forward + (self.first_row + y) as f32 * self.rays.down;
-        Ray::new(self.rays.eye, row + x as f32 * self.rays.right)
+        row + x as f32 * self.rays.right
     }
 
     /// A walk along a pixel's ray through the range of its tile; `None` without a block on the way.

@@ -13,6 +13,15 @@ pub(super) const TILE: usize = 2;
 /// Voxels along an octant of a block.
 const OCTANT_EDGE: f32 = BLOCK_EDGE as f32 / 2.0;
 
+/// What ranges are fitted around.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Detail {
+    /// Whole blocks: for few rays.
+    Blocks,
+    /// The octants that may hold surface: eight times the work, shorter marches.
+    Octants,
+}
+
 /// The tiles of an image that is being predicted.
 pub(super) struct Tiles<'a> {
     pub(super) ranges: &'a mut [DepthRange],
@@ -27,9 +36,9 @@ impl Tiles<'_> {
     ///
     /// Surface lies in cells with a corner behind it, so within a voxel of an octant that has seen something
     /// behind: what has seen free space alone does not count.
-    pub(super) fn fit(&mut self, store: &BlockStore, rays: &VoxelRays) {
+    pub(super) fn fit(&mut self, store: &BlockStore, rays: &VoxelRays, detail: Detail) {
         self.ranges.fill(DepthRange::EMPTY);
-        let steps = OctantSteps::new(rays, self.voxel_size);
+        let steps = OctantSteps::new(rays, self.voxel_size, detail);
         for slab in store.slabs() {
             if !sees_slab(slab, rays) {
                 continue;
@@ -50,6 +59,9 @@ impl Tiles<'_> {
             return;
         }
         let at = rays.homogeneous(first + steps.middle);
+        if steps.detail == Detail::Blocks {
+            return self.add_octant(at, steps);
+        }
         for (octant, offset) in steps.offsets.iter().enumerate() {
             if behind >> octant & 1 == 1 {
                 self.add_octant(at + *offset, steps);
@@ -84,8 +96,10 @@ impl Tiles<'_> {
     }
 }
 
-/// How octants lie to each other in the image: the same in every block. Homogeneous pixels (u·z, v·z, z).
+/// How octants lie to each other in the image: the same in every block. Homogeneous pixels (u·z, v·z, z). For
+/// [`Detail::Blocks`] a block is one octant.
 struct OctantSteps {
+    detail: Detail,
     /// From a block's first voxel to the middle of octant 0, voxels.
     middle: Vec3A,
     /// From the middle of octant 0 to that of each octant.
@@ -97,11 +111,16 @@ struct OctantSteps {
 }
 
 impl OctantSteps {
-    fn new(rays: &VoxelRays, voxel_size: f32) -> Self {
+    fn new(rays: &VoxelRays, voxel_size: f32, detail: Detail) -> Self {
+        let edge = match detail {
+            Detail::Blocks => BLOCK_EDGE as f32,
+            Detail::Octants => OCTANT_EDGE,
+        };
         // Cells reach from the voxel before the octant to the one behind it.
-        let half = 0.5 * (OCTANT_EDGE + 1.0);
+        let half = 0.5 * (edge + 1.0);
         let [x, y, z] = rays.voxel_steps();
         Self {
+            detail,
             middle: Vec3A::splat(half - 1.0),
             offsets: std::array::from_fn(|octant| {
                 let step = |axis: usize| (octant >> axis & 1) as f32 * OCTANT_EDGE;

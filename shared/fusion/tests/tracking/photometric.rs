@@ -183,6 +183,42 @@ fn hc_c10_units_do_not_weigh() {
     assert!(held <= 1e-9);
 }
 
+#[test]
+fn photographs_count_where_shape_leaves_directions_open() {
+    const KNEE: f64 = 0.01;
+    let with_least = |least: f64| {
+        let mut equations = NormalEquations::ZERO;
+        for axis in 0..6 {
+            equations.hessian[axis][axis] = if axis == 2 { least } else { 1.0 };
+        }
+        equations
+    };
+    let mut photometry = with_least(1.0);
+    photometry.gradient = [1.0; 6];
+    for (least, share) in [
+        (0.0, 1.0),
+        (KNEE, 0.5),
+        (1.9 * KNEE, 0.05),
+        (2.0 * KNEE, 0.0),
+    ] {
+        let geometry = with_least(least);
+        assert_eq!(geometry.has_open(KNEE), share > 0.0, "{least}");
+        let sum = geometry.blend(&photometry, KNEE);
+        for axis in 0..6 {
+            let added = sum.hessian[axis][axis] - geometry.hessian[axis][axis];
+            let expected = if axis == 2 { share } else { 0.0 };
+            assert!(
+                (added - expected).abs() < 1e-12,
+                "{least}, axis {axis}: {added}"
+            );
+        }
+    }
+    assert!(
+        NormalEquations::ZERO.has_open(KNEE),
+        "no data leaves all open"
+    );
+}
+
 fn add(to: &mut NormalEquations, row: &[f64; 6], residual: f64, sigma: f64, unit: f64) {
     let weight = 1.0 / (sigma * sigma);
     for i in 0..6 {

@@ -189,3 +189,111 @@ fn an_empty_volume_and_a_far_camera_show_nothing() {
         }
     }
 }
+
+/// Depth of the ball as a sensor sees it: up to `noise` metres off, a tenth of the pixels missing.
+fn measured_depth(camera: &Intrinsics, pose: &Pose, noise: f64, rng: &mut Pcg64) -> Vec<f32> {
+    let size = camera.width() * camera.height();
+    (0..size)
+        .map(|n| {
+            let pixel = DVec2::new(f64::from(n % camera.width()), f64::from(n / camera.width()));
+            let slope = ((pixel - camera.center()) / camera.focal()).extend(1.0);
+            let depth = true_depth(pose.translation(), pose.transform_vector(slope));
+            let is_hole = rng.random_range(0.0..1.0) < 0.1;
+            depth.filter(|_| !is_hole).map_or(0.0, |depth| {
+                (depth + noise * rng.random_range(-1.0..1.0)) as f32
+            })
+        })
+        .collect()
+}
+
+#[test]
+fn measured_depth_leads_to_the_same_surface_as_the_march() {
+    /// Voxels.
+    const TOLERANCE: f32 = 0.1;
+    let volume = ball();
+    let camera = camera(64);
+    let mut rng = Pcg64::seed_from_u64(17);
+    let (mut both, mut missed, mut measured, mut worst) = (0, 0, 0, 0.0_f32);
+    for round in 0..12 {
+        let eye = rng.random_range(0.2..0.6) * unit_vector(&mut rng);
+        let pose = look_at(eye, 0.02 * unit_vector(&mut rng));
+        let [mut march, mut near] = [(); 2].map(|()| ModelView::new(&camera, &pose));
+        volume.predict(&camera, &pose, &mut march);
+        // Within the band, and in every other round mostly beyond it.
+        let noise = if round % 2 == 0 { 0.005 } else { 0.08 };
+        let depth = measured_depth(&camera, &pose, noise, &mut rng);
+        volume.predict_near(&camera, &pose, &depth, &mut near);
+        for ((&depth, march), near) in depth.iter().zip(&march.surfels).zip(&near.surfels) {
+            if depth == 0.0 {
+                assert!(!near.is_surface(), "no surfel without a measurement");
+                continue;
+            }
+            measured += 1;
+            match (march.is_surface(), near.is_surface()) {
+                (true, true) => {
+                    both += 1;
+                    let off = (march.position[2] - near.position[2]).abs() / VOXEL as f32;
+                    // Along a ray at the rim a tenth of a voxel across the surface is more.
+                    let normal = Vec3A::from_array(near.normal);
+                    let ray = Vec3A::from_array(near.position).normalize();
+                    worst = worst.max(off * normal.dot(ray).abs());
+                }
+                (true, false) => missed += 1,
+                // At the rim a march may pass by.
+                (false, true) => {
+                    let point = DVec3::from_array(near.position.map(f64::from));
+                    let from_center = pose.transform_point(point).length() / VOXEL;
+                    assert!((from_center - RADIUS_VOXELS).abs() < 0.5);
+                }
+                (false, false) => {}
+            }
+        }
+    }
+    println!("{both} surfels of {measured}, {missed} missed, worst {worst:.3} voxels");
+    assert!(
+        both > 5000 && missed * 500 < both,
+        "{missed} of {both} missed"
+    );
+    assert!(worst < TOLERANCE, "{worst} voxels");
+}
+
+#[test]
+fn of_two_walls_on_a_ray_the_measured_one_is_shown() {
+    // Walls at z = −20 and 20 voxels, as seen from below z: both are entered from free space.
+    let truncation = config().truncation_voxels;
+    let volume = Volume::from_field(config(), REACH, |[_, _, z]| {
+        let wall = if z < 0 { -20 } else { 20 };
+        let distance = (wall - z) as f32 / truncation;
+        if distance > -1.0 {
+            (distance.min(1.0), 1.0)
+        } else {
+            (1.0, 0.0)
+        }
+    });
+    let camera = camera(32);
+    let pose = Pose::from_translation(DVec3::new(0.0, 0.0, -0.4));
+    let mut view = ModelView::new(&camera, &pose);
+    for (measured, shown) in [(0.3, 0.3), (0.5, 0.5), (0.503, 0.5), (1.5, 0.3)] {
+        volume.predict_near(&camera, &pose, &vec![measured; 32 * 24], &mut view);
+        let at = view.at(16, 12).position[2];
+        assert!((at - shown).abs() < 1e-3, "measured {measured}, shown {at}");
+    }
+}
+
+#[test]
+fn a_prediction_by_measured_depth_has_the_same_bits_for_any_number_of_threads() {
+    let volume = ball();
+    let camera = camera(128);
+    let pose = look_at(DVec3::new(0.1, 0.2, -0.3), DVec3::ZERO);
+    let depth = measured_depth(&camera, &pose, 0.02, &mut Pcg64::seed_from_u64(18));
+    let surfels = [1, 2, 3].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.expect("a pool").install(|| {
+            let mut view = ModelView::new(&camera, &pose);
+            volume.predict_near(&camera, &pose, &depth, &mut view);
+            view.surfels
+        })
+    });
+    assert!(surfels[0].iter().any(Surfel::is_surface));
+    assert!(surfels.iter().all(|other| *other == surfels[0]));
+}
