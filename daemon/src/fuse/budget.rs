@@ -6,8 +6,13 @@ use fusion::live::Effort;
 const SHARE: f64 = 1.0 / 8.0;
 /// Periods that a step is given to show what it brings: half a second at 30 Hz.
 const SETTLE_PERIODS: f64 = 15.0;
+/// Share of the period from which the next step is taken: a frame that takes longer than the others makes those behind
+/// it wait, and what is left of the period catches up.
+const TOO_LONG: f64 = 0.9;
+/// Share of the period after its arrival from which a frame that begins is late.
+const LATE: f64 = 0.3;
 /// Below this share of the period a step is taken back.
-const COMFORTABLE: f64 = 0.7;
+const COMFORTABLE: f64 = 0.65;
 /// Frames that must be comfortable before a step is taken back, at first …
 const LEAST_PATIENCE: u32 = 45;
 /// … and at most: it doubles each time that taking back proves wrong.
@@ -51,13 +56,27 @@ impl Budget {
         self.level
     }
 
-    /// What the frames are given now.
-    pub fn effort(&self) -> Effort {
-        Effort {
-            coarse_view: self.level >= 1,
-            skip_finest: self.level >= 2,
-            skip_color: self.level >= 3,
+    /// The level for a frame that begins `age_nanos` after it came: one that begins late catches up, with all that can
+    /// give way given way, and leaves the level of the others as it is.
+    pub fn level_for(&self, age_nanos: i64) -> usize {
+        if self.is_late(age_nanos) {
+            Self::LAST_LEVEL
+        } else {
+            self.level
         }
+    }
+
+    /// What the frames of a level are given.
+    pub fn effort(level: usize) -> Effort {
+        Effort {
+            coarse_view: level >= 1,
+            skip_finest: level >= 2,
+            skip_color: level >= 3,
+        }
+    }
+
+    fn is_late(&self, age_nanos: i64) -> bool {
+        age_nanos as f64 > LATE * self.period_nanos
     }
 
     /// What gives way in each level beyond the one before.
@@ -70,9 +89,15 @@ impl Budget {
         }
     }
 
-    /// Counts a frame that took `nanos`; the new level when it changes.
-    pub fn count(&mut self, nanos: i64) -> Option<usize> {
-        let nanos = nanos.max(0) as f64;
+    /// Counts a frame that began `age_nanos` after it came and took `nanos`; the new level when it changes. One that
+    /// began late stands for a whole period, whatever it saved: being late is no comfort.
+    pub fn count(&mut self, age_nanos: i64, nanos: i64) -> Option<usize> {
+        let least = if self.is_late(age_nanos) {
+            self.period_nanos
+        } else {
+            0.0
+        };
+        let nanos = (nanos as f64).max(least);
         let before = self.smoothed_nanos.unwrap_or(nanos);
         let smoothed_nanos = before + SHARE * (nanos - before);
         self.smoothed_nanos = Some(smoothed_nanos);
@@ -86,7 +111,7 @@ impl Budget {
         if self.settling > 0.0 {
             return None;
         }
-        if smoothed_nanos > self.period_nanos {
+        if smoothed_nanos > TOO_LONG * self.period_nanos {
             if self.is_on_trial {
                 self.patience = (2 * self.patience).min(MOST_PATIENCE);
             }
@@ -126,7 +151,7 @@ mod tests {
     fn levels(budget: &mut Budget, count: usize, cost: impl Fn(usize) -> i64) -> Vec<usize> {
         (0..count)
             .map(|_| {
-                budget.count(cost(budget.level()));
+                budget.count(0, cost(budget.level()));
                 budget.level()
             })
             .collect()
@@ -139,7 +164,7 @@ mod tests {
         assert!(up.windows(2).all(|pair| pair[1] - pair[0] <= 1));
         assert_eq!(up.last(), Some(&3));
         assert_eq!(
-            budget.effort(),
+            Budget::effort(budget.level()),
             Effort {
                 coarse_view: true,
                 skip_finest: true,
@@ -149,14 +174,29 @@ mod tests {
         let down = levels(&mut budget, 400, |_| PERIOD / 4);
         assert!(down.windows(2).all(|pair| pair[0] - pair[1] <= 1));
         assert_eq!(down.last(), Some(&0));
-        assert_eq!(budget.effort(), Effort::default());
+        assert_eq!(Budget::effort(budget.level()), Effort::default());
     }
 
     #[test]
-    fn one_late_frame_changes_nothing() {
+    fn a_late_frame_catches_up_and_the_level_stays() {
+        let mut budget = Budget::new(PERIOD);
+        assert_eq!(budget.level_for(PERIOD / 5), 0);
+        assert_eq!(budget.level_for(PERIOD), Budget::LAST_LEVEL);
+        for _ in 0..3 {
+            assert_eq!(budget.count(PERIOD, PERIOD / 3), None);
+        }
+        levels(&mut budget, 40, |_| PERIOD / 2);
+        assert_eq!((budget.level(), budget.level_for(0)), (0, 0));
+        // Always late, however fast: a step is due.
+        let taken = (0..100).find_map(|_| budget.count(PERIOD, PERIOD / 3));
+        assert_eq!(taken, Some(1));
+    }
+
+    #[test]
+    fn one_slow_frame_changes_nothing() {
         let mut budget = Budget::new(PERIOD);
         levels(&mut budget, 100, |_| PERIOD / 2);
-        assert_eq!(budget.count(3 * PERIOD), None);
+        assert_eq!(budget.count(0, 3 * PERIOD), None);
         assert_eq!(levels(&mut budget, 100, |_| PERIOD / 2), vec![0; 100]);
     }
 

@@ -8,25 +8,19 @@ use imaging::{
 };
 use sequence::{ColorEncoding, Streams};
 
-/// Prepares the frames of one recording. Memory is taken when it is made, but for what a JPEG decoder takes.
-pub struct Preparer {
+/// Turns the depth of one recording into metres. Memory is taken when it is made.
+pub struct DepthPreparer {
     table: DepthTable,
     undistortion: Undistortion,
     pinhole: Intrinsics,
-    depth: DepthImage,
-    developer: Developer,
-    is_jpeg: bool,
-    /// The photograph, decoded.
-    codes: Option<Rgb8Image>,
-    is_subsampled: bool,
-    pixels: Vec<LinearPixel>,
+    image: DepthImage,
 }
 
-impl Preparer {
-    /// For the frames of `streams`.
+impl DepthPreparer {
+    /// For the depth of `streams`.
     ///
     /// # Errors
-    /// Shifts of which nothing is known, and YUV that this version does not know.
+    /// Shifts of which nothing is known.
     pub fn new(streams: &Streams) -> anyhow::Result<Self> {
         let depth = &streams.depth;
         let range = depth.depth_range.clone();
@@ -37,6 +31,53 @@ impl Preparer {
         let camera = &depth.intrinsics;
         let (focal, center) = (camera.focal(), camera.center());
         let (width, height) = (camera.width(), camera.height());
+        Ok(Self {
+            table,
+            undistortion: Undistortion::new(camera),
+            pinhole: Intrinsics::pinhole(width, height, focal.x, focal.y, center.x, center.y)?,
+            image: DepthImage::new(width, height, 0.0),
+        })
+    }
+
+    /// The camera of the prepared depth.
+    pub fn pinhole(&self) -> &Intrinsics {
+        &self.pinhole
+    }
+
+    /// Metres of the depth `samples`.
+    ///
+    /// # Errors
+    /// When their count is not that of the camera's pixels.
+    pub fn prepare(&mut self, samples: &[u16]) -> Result<&DepthImage, ImagingError> {
+        let metres = self.image.pixels_mut();
+        self.table
+            .metres_into(samples, &self.undistortion, metres)?;
+        Ok(&self.image)
+    }
+
+    /// Depth of the last frame.
+    pub fn image(&self) -> &DepthImage {
+        &self.image
+    }
+}
+
+/// Turns the photographs of one recording into linear radiance. Memory is taken when it is made, but for what a JPEG
+/// decoder takes.
+pub struct PhotographPreparer {
+    developer: Developer,
+    is_jpeg: bool,
+    /// The photograph, decoded.
+    codes: Option<Rgb8Image>,
+    is_subsampled: bool,
+    pixels: Vec<LinearPixel>,
+}
+
+impl PhotographPreparer {
+    /// For the photographs of `streams`.
+    ///
+    /// # Errors
+    /// YUV that this version does not know.
+    pub fn new(streams: &Streams) -> anyhow::Result<Self> {
         let color = &streams.color;
         let (columns, rows) = (color.intrinsics.width(), color.intrinsics.height());
         let corrector = Corrector::new(
@@ -47,21 +88,12 @@ impl Preparer {
             color.relative_exposure,
         );
         Ok(Self {
-            table,
-            undistortion: Undistortion::new(camera),
-            pinhole: Intrinsics::pinhole(width, height, focal.x, focal.y, center.x, center.y)?,
-            depth: DepthImage::new(width, height, 0.0),
             developer: Developer::new(&corrector, color.layout()?)?,
             is_jpeg: color.encoding == ColorEncoding::Jpeg,
             codes: None,
             is_subsampled: false,
             pixels: vec![LinearPixel::INVALID; columns as usize * rows as usize],
         })
-    }
-
-    /// The camera of the prepared depth.
-    pub fn pinhole(&self) -> &Intrinsics {
-        &self.pinhole
     }
 
     /// Decodes the photograph where it is a JPEG.
@@ -85,15 +117,6 @@ impl Preparer {
         Ok(())
     }
 
-    /// Metres of the depth `samples`.
-    ///
-    /// # Errors
-    /// When their count is not that of the camera's pixels.
-    pub fn prepare_depth(&mut self, samples: &[u16]) -> Result<(), ImagingError> {
-        let metres = self.depth.pixels_mut();
-        self.table.metres_into(samples, &self.undistortion, metres)
-    }
-
     /// Linear radiance of the photograph that was decoded, or is raw; its half-size luminance goes into `grey`.
     ///
     /// # Errors
@@ -109,11 +132,6 @@ impl Preparer {
         };
         let (developer, pixels) = (&mut self.developer, &mut self.pixels);
         developer.develop(bytes, is_subsampled, pixels, grey.pixels_mut())
-    }
-
-    /// Depth of the last frame.
-    pub fn depth(&self) -> &DepthImage {
-        &self.depth
     }
 
     /// Photograph of the last frame.

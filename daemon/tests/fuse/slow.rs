@@ -139,15 +139,23 @@ fn slow_clock() -> HostClock {
     }
 }
 
-/// Tracks and fuses `shots`, which take `step_nanos` each, and says which events came.
+/// Tracks and fuses `shots`, which take `step_nanos` each, and says which events came. They came when the clock began,
+/// so that all but the first are late, or (`came` is false) nobody knows when.
 fn fuse_slowly(
     shots: &[Shot],
+    came: bool,
     step_nanos: impl Fn(u64) -> i64 + Send + 'static,
 ) -> (FuseReport, Vec<String>) {
     let mut line = line(shots.len(), true, &StopFlag::default());
     let units: Vec<FuseUnit> = (0..)
         .zip(shots)
-        .map(|(number, shot)| line.unit(number, *shot))
+        .map(|(number, shot)| {
+            let mut unit = line.unit(number, *shot);
+            if !came {
+                unit.depth.times.host_nanos = None;
+            }
+            unit
+        })
         .collect();
     let (to, mut receiver) = message::ring(1 << 20);
     let mut number = 0;
@@ -196,7 +204,7 @@ fn slow_frames_reduce_the_effort_step_by_step_and_each_step_is_said() {
     // A hundred frames that take three periods each, then as many that take a tenth.
     let shots = walk(300);
     let step = |number| if number < 100 { 100_000_000 } else { 3_000_000 };
-    let (report, events) = fuse_slowly(&shots, step);
+    let (report, events) = fuse_slowly(&shots, false, step);
     let frames = report.level_frames;
     assert!(frames.iter().all(|count| *count > 0), "{frames:?}");
     assert_eq!(frames.iter().sum::<u64>(), 300);
@@ -210,6 +218,11 @@ fn slow_frames_reduce_the_effort_step_by_step_and_each_step_is_said() {
         .collect();
     assert_eq!(levels, [1, 2, 3, 2, 1, 0]);
     assert_eq!(Budget::LAST_LEVEL, 3);
+
+    // Quick frames that begin late catch up.
+    let (report, _) = fuse_slowly(&walk(20), true, |_| 1_000_000);
+    assert_eq!(report.level_frames, [0, 0, 0, 20]);
+    assert_eq!(report.ok, 20);
 }
 
 /// Whether the file has its end.

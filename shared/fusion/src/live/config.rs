@@ -26,6 +26,8 @@ pub struct LiveRig {
 pub struct LiveConfig {
     /// The volume of each map.
     pub volume: VolumeConfig,
+    /// Blocks whose memory the first map takes ahead ([`crate::Volume::reserve`]).
+    pub reserved_blocks: usize,
     /// Alignment.
     pub icp: IcpConfig,
     /// Noise of depth.
@@ -57,6 +59,7 @@ impl Default for LiveConfig {
                 settled_color_stride: SETTLED_COLOR_STRIDE,
                 ..VolumeConfig::default()
             },
+            reserved_blocks: 0,
             icp: IcpConfig::default(),
             noise: DepthNoise::default(),
             level_count: 3,

@@ -107,9 +107,9 @@ impl LiveFusion {
             .and_then(|camera| half_camera(&camera))
             .map(|camera| GreyFrame::new(&camera, rig.color_from_depth, config.level_count));
         let pixel_count = rig.depth_camera.width() as usize * rig.depth_camera.height() as usize;
-        let first = Map {
-            volume: Volume::new(config.volume.clone())?,
-        };
+        let mut volume = Volume::new(config.volume.clone())?;
+        volume.reserve(config.reserved_blocks, rig.color_camera.is_some());
+        let first = Map { volume };
         Ok(Self {
             icp: Icp::new(config.icp.clone()),
             keyframes: Keyframes::new(config.keyframes),
@@ -146,16 +146,25 @@ impl LiveFusion {
         })
     }
 
-    /// Where the half-size luminance of the frame's photograph goes before [`LiveFusion::load`]: linear, 0 = unknown
+    /// Where the half-size luminance of the frame's photograph goes before [`LiveFusion::load_photograph`]: linear, 0 = unknown
     /// or saturated, as [`imaging::develop::Developer::develop`] writes it. `None` where the rig has no colour camera.
     pub fn grey_mut(&mut self) -> Option<&mut imaging::Image<f32>> {
         self.grey.as_mut().map(GreyFrame::finest_mut)
     }
 
-    /// Takes a frame: its depth (metres along z in the pinhole of [`LiveRig::depth_camera`], 0 = no measurement) and
-    /// whether its luminance was written.
+    /// Takes a frame: [`LiveFusion::load_depth`], then [`LiveFusion::load_photograph`].
     pub fn load(&mut self, depth: &DepthImage, has_grey: bool) {
+        self.load_depth(depth);
+        self.load_photograph(has_grey);
+    }
+
+    /// Takes the depth of a frame: metres along z in the pinhole of [`LiveRig::depth_camera`], 0 = no measurement.
+    pub fn load_depth(&mut self, depth: &DepthImage) {
         self.points.load(depth);
+    }
+
+    /// Takes the photograph of the frame whose depth was loaded: whether its luminance was written.
+    pub fn load_photograph(&mut self, has_grey: bool) {
         self.has_grey = has_grey && self.grey.is_some();
         if let Some(grey) = self.grey.as_mut().filter(|_| has_grey) {
             grey.finish();

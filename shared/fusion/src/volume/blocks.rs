@@ -28,10 +28,40 @@ pub(super) struct Slab {
     pub(super) behind: [Octants; SLAB_BLOCKS],
 }
 
+impl Slab {
+    /// Room for blocks, and for their colours.
+    fn new(has_color: bool) -> Self {
+        Self {
+            keys: [0; SLAB_BLOCKS],
+            blocks: Vec::with_capacity(SLAB_BLOCKS),
+            colors: Vec::with_capacity(if has_color { SLAB_BLOCKS } else { 0 }),
+            color_counts: [0; SLAB_BLOCKS],
+            low: [i32::MAX; 3],
+            high: [i32::MIN; 3],
+            touched: 0,
+            behind: [0; SLAB_BLOCKS],
+        }
+    }
+
+    /// The same, with its memory written: a system gives pages when they are first written, and that takes time.
+    fn written(has_color: bool) -> Self {
+        let mut slab = Self::new(has_color);
+        slab.blocks.resize(SLAB_BLOCKS, Block::EMPTY);
+        slab.blocks.clear();
+        if has_color {
+            slab.colors.resize(SLAB_BLOCKS, ColorBlock::EMPTY);
+            slab.colors.clear();
+        }
+        slab
+    }
+}
+
 /// All blocks, numbered in the order in which they were made.
 pub(super) struct BlockStore {
     table: BlockTable,
     slabs: Vec<Slab>,
+    /// Slabs whose memory was taken ahead.
+    spare: Vec<Slab>,
     block_count: usize,
     has_color: bool,
 }
@@ -41,6 +71,7 @@ impl BlockStore {
         Self {
             table: BlockTable::default(),
             slabs: Vec::new(),
+            spare: Vec::new(),
             block_count: 0,
             has_color: false,
         }
@@ -121,16 +152,9 @@ impl BlockStore {
     pub(super) fn push(&mut self, key: u64) -> u32 {
         let (index, place) = (self.block_count, self.block_count % SLAB_BLOCKS);
         if place == 0 {
-            self.slabs.push(Slab {
-                keys: [0; SLAB_BLOCKS],
-                blocks: Vec::with_capacity(SLAB_BLOCKS),
-                colors: Vec::with_capacity(if self.has_color { SLAB_BLOCKS } else { 0 }),
-                color_counts: [0; SLAB_BLOCKS],
-                low: [i32::MAX; 3],
-                high: [i32::MIN; 3],
-                touched: 0,
-                behind: [0; SLAB_BLOCKS],
-            });
+            let slab = self.spare.pop();
+            self.slabs
+                .push(slab.unwrap_or_else(|| Slab::new(self.has_color)));
         }
         let slab = &mut self.slabs[index / SLAB_BLOCKS];
         slab.keys[place] = key;
@@ -147,6 +171,15 @@ impl BlockStore {
         index as u32
     }
 
+    /// Takes the memory of `block_count` blocks ahead, and of their colours where they will have some.
+    pub(super) fn reserve(&mut self, block_count: usize, with_color: bool) {
+        let count = block_count / SLAB_BLOCKS;
+        self.spare.reserve_exact(count);
+        self.spare
+            .extend((0..count).map(|_| Slab::written(with_color)));
+        self.slabs.reserve_exact(count);
+    }
+
     /// Gives every block a place for colour.
     pub(super) fn add_color(&mut self) {
         self.has_color = true;
@@ -158,7 +191,13 @@ impl BlockStore {
 
     /// Bytes held: blocks, colours, keys and the table.
     pub(super) fn bytes(&self) -> usize {
+        let written = |slab: &Slab| {
+            slab.blocks.capacity() * size_of::<Block>()
+                + slab.colors.capacity() * size_of::<ColorBlock>()
+        };
         self.slabs.len() * self.slab_bytes()
+            + self.spare.iter().map(written).sum::<usize>()
+            + self.spare.capacity() * size_of::<Slab>()
             + self.slabs.capacity() * size_of::<Slab>()
             + self.table.bytes()
     }
@@ -166,7 +205,7 @@ impl BlockStore {
     /// Most bytes held while and after the next block is made: tables grow by copying.
     pub(super) fn bytes_for_next(&self) -> usize {
         let mut bytes = self.bytes() + self.table.growth_bytes();
-        if self.block_count.is_multiple_of(SLAB_BLOCKS) {
+        if self.block_count.is_multiple_of(SLAB_BLOCKS) && self.spare.is_empty() {
             bytes += self.slab_bytes();
             if self.slabs.len() == self.slabs.capacity() {
                 bytes += 2 * self.slabs.len().max(4) * size_of::<Slab>();

@@ -98,6 +98,22 @@ impl Volume {
         })
     }
 
+    /// Takes the memory of so many blocks ahead, with or without colour, so that the first frames need not wait for
+    /// it; at most half of what [`VolumeConfig::memory_limit_bytes`] leaves.
+    pub fn reserve(&mut self, block_count: usize, with_color: bool) {
+        let color = if with_color {
+            size_of::<ColorBlock>()
+        } else {
+            0
+        };
+        let free = self
+            .config
+            .memory_limit_bytes
+            .saturating_sub(self.memory_bytes());
+        let most = free / (2 * (size_of::<Block>() + color));
+        self.store.reserve(block_count.min(most), with_color);
+    }
+
     /// The settings.
     pub fn config(&self) -> &VolumeConfig {
         &self.config

@@ -43,3 +43,39 @@ fn a_written_field_reads_back() {
     }
     assert_eq!(volume.voxel([40, 0, 0]), None);
 }
+
+#[test]
+fn memory_taken_ahead_changes_nothing_and_keeps_the_limit() {
+    let camera = Intrinsics::pinhole(96, 72, 96.0, 96.0, 47.5, 35.5).expect("usable");
+    let depth: Vec<f32> = (0..96 * 72).map(|n| 0.5 + 1e-3 * (n % 96) as f32).collect();
+    let config = VolumeConfig {
+        voxel_size: 0.01,
+        memory_limit_bytes: 4 << 20,
+        ..VolumeConfig::default()
+    };
+    let fused = |reserved: usize| {
+        let mut volume = Volume::new(config.clone()).expect("usable");
+        volume.reserve(reserved, true);
+        let taken = volume.memory_bytes();
+        for _ in 0..3 {
+            let pixels = vec![LinearPixel::from_radiance([0.5; 3], false); depth.len()];
+            volume
+                .integrate_colored(&depth, &pixels, &camera, &Pose::IDENTITY)
+                .expect("one value per pixel");
+        }
+        assert!(volume.memory_bytes() <= config.memory_limit_bytes);
+        (volume, taken)
+    };
+    let (plain, bare) = fused(0);
+    assert!(plain.block_count() > 64, "more than a slab");
+    for reserved in [64, 256, usize::MAX] {
+        let (volume, taken) = fused(reserved);
+        assert!(taken > bare && taken <= config.memory_limit_bytes);
+        assert_eq!(volume.block_count(), plain.block_count());
+        for index in 0..plain.block_count() as u32 {
+            assert_eq!(volume.block(index).tsdf, plain.block(index).tsdf);
+            let colors = [&volume, &plain].map(|v| v.color(index).expect("colour").channels);
+            assert_eq!(colors[0], colors[1]);
+        }
+    }
+}

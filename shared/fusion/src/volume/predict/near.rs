@@ -9,11 +9,13 @@ use super::super::key::{BLOCK_EDGE, BLOCK_SHIFT};
 use super::super::march::{Approach, March};
 use super::super::ranges::{Detail, TILE, Tiles};
 use super::super::sampler::Sampler;
-use super::{BAND_TILES, Band, DepthRange, Guesses, STRIP, VoxelRays, Walks};
+use super::{Band, DepthRange, Guesses, STRIP, VoxelRays, Walks};
 use crate::kernels::integrate::Block;
 use crate::kernels::prefetch::prefetch;
 use crate::model_view::{ModelView, Surfel};
 
+/// Rows of tiles of one parallel task: a view for tracking is small, and two workers share it.
+const BAND_TILES: usize = 8;
 /// Correction, in voxels, below which the next one is left out: the field is straight enough over a voxel, where a
 /// first step from the nearest voxel ends.
 const SMALL_CORRECTION: f32 = 0.75;
