@@ -8,11 +8,11 @@ const SHARE: f64 = 1.0 / 8.0;
 const SETTLE_PERIODS: f64 = 15.0;
 /// Share of the period from which the next step is taken: a frame that takes longer than the others makes those behind
 /// it wait, and what is left of the period catches up.
-const TOO_LONG: f64 = 0.9;
+const TOO_LONG: f64 = 0.92;
 /// Share of the period after its arrival from which a frame that begins is late.
-const LATE: f64 = 0.3;
+const LATE: f64 = 0.45;
 /// Below this share of the period a step is taken back.
-const COMFORTABLE: f64 = 0.65;
+const COMFORTABLE: f64 = 0.78;
 /// Frames that must be comfortable before a step is taken back, at first …
 const LEAST_PATIENCE: u32 = 45;
 /// … and at most: it doubles each time that taking back proves wrong.
@@ -90,10 +90,10 @@ impl Budget {
     }
 
     /// Counts a frame that began `age_nanos` after it came and took `nanos`; the new level when it changes. One that
-    /// began late stands for a whole period, whatever it saved: being late is no comfort.
+    /// began late had another effort than its level's: it counts at least as a time that changes nothing.
     pub fn count(&mut self, age_nanos: i64, nanos: i64) -> Option<usize> {
         let least = if self.is_late(age_nanos) {
-            self.period_nanos
+            0.5 * (COMFORTABLE + TOO_LONG) * self.period_nanos
         } else {
             0.0
         };
@@ -187,9 +187,12 @@ mod tests {
         }
         levels(&mut budget, 40, |_| PERIOD / 2);
         assert_eq!((budget.level(), budget.level_for(0)), (0, 0));
-        // Always late, however fast: a step is due.
-        let taken = (0..100).find_map(|_| budget.count(PERIOD, PERIOD / 3));
-        assert_eq!(taken, Some(1));
+        // Nor do late frames take a step back, however fast they are.
+        levels(&mut budget, 40, |_| 2 * PERIOD);
+        let level = budget.level();
+        assert!(level > 0);
+        assert!((0..500).all(|_| budget.count(PERIOD, PERIOD / 3).is_none()));
+        assert_eq!(budget.level(), level);
     }
 
     #[test]
