@@ -7,8 +7,11 @@ use geometry::{Intrinsics, Pose};
 use crate::tracking::{DepthNoise, Gates, IcpConfig, KeyframeConfig};
 use crate::volume::VolumeConfig;
 
-/// One colour in so many frames is enough for a surface that has been looked at for a while, at 30 frames a second.
-const SETTLED_COLOR_STRIDE: NonZeroU32 = NonZeroU32::new(4).unwrap();
+/// At 30 frames a second a surface is seen a hundred times before it leaves the image: every second photograph is
+/// fused …
+const COLOR_STRIDE: NonZeroU32 = NonZeroU32::new(2).unwrap();
+/// … and every second of those where there is colour already.
+const SETTLED_COLOR_STRIDE: NonZeroU32 = NonZeroU32::new(2).unwrap();
 
 /// The cameras.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +31,8 @@ pub struct LiveConfig {
     pub volume: VolumeConfig,
     /// Blocks whose memory the first map takes ahead ([`crate::Volume::reserve`]).
     pub reserved_blocks: usize,
+    /// Of so many fused frames one is fused with its colour.
+    pub color_stride: NonZeroU32,
     /// Alignment.
     pub icp: IcpConfig,
     /// Noise of depth.
@@ -60,6 +65,7 @@ impl Default for LiveConfig {
                 ..VolumeConfig::default()
             },
             reserved_blocks: 0,
+            color_stride: COLOR_STRIDE,
             icp: IcpConfig::default(),
             noise: DepthNoise::default(),
             level_count: 3,

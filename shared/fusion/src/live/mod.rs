@@ -80,6 +80,7 @@ pub struct LiveFusion {
     alike: Vec<(f64, usize)>,
     tracked: Tracked,
     last: Option<Alignment>,
+    fused_count: u64,
 }
 
 impl LiveFusion {
@@ -133,6 +134,7 @@ impl LiveFusion {
             before: Thumbnail::default(),
             alike: Vec::new(),
             last: None,
+            fused_count: 0,
             tracked: Tracked {
                 state: TrackState::Lost,
                 map: 0,
@@ -207,7 +209,8 @@ impl LiveFusion {
     }
 
     /// Fuses the frame that was tracked, unless it is lost (`None`); also keeps keyframes. `depth` as for
-    /// [`LiveFusion::load`]; `color`: the developed photograph in the colour camera's grid, which is registered here.
+    /// [`LiveFusion::load`]; `color`: the developed photograph in the colour camera's grid, which is registered here, and
+    /// counts in one frame of [`LiveConfig::color_stride`].
     ///
     /// # Errors
     /// When an image has not the size of its camera.
@@ -222,6 +225,9 @@ impl LiveFusion {
         let pose = self.tracked.world_from_camera;
         let volume = &mut self.maps[self.map].volume;
         let camera = &self.rig.depth_camera;
+        let stride = u64::from(self.config.color_stride.get());
+        let color = color.filter(|_| self.fused_count.is_multiple_of(stride));
+        self.fused_count += 1;
         let stats = match (color, &mut self.registration) {
             (Some(color), Some(registration)) => {
                 registration.register(depth.pixels(), color, &mut self.registered)?;
