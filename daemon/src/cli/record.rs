@@ -106,8 +106,9 @@ struct FuseArgs {
     /// Most memory of the volume, MB (2^20 bytes): beyond it new surface is left out, and counted.
     #[arg(long, value_name = "MB", default_value_t = 2048, value_parser = clap::value_parser!(u64).range(1..=1 << 20), conflicts_with = "no_fuse")]
     fuse_memory_mb: u64,
-    /// Size at which the model is predicted for tracking: 0 = half, 1 = quarter, 2 = eighth of the image. Default: 1.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=2), conflicts_with = "no_fuse")]
+    /// Size at which the model is predicted for tracking: 0 = half, 1 = quarter, 2 = eighth, 3 = sixteenth of the
+    /// image. Default: 2.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=3), conflicts_with = "no_fuse")]
     view_level: Option<u64>,
     /// Most iterations of the alignment at an eighth, a quarter and half of the image. Default: 8/5/4.
     #[arg(long, value_name = "N/N/N", value_parser = parse_iterations, conflicts_with = "no_fuse")]

@@ -39,9 +39,9 @@ pub struct LiveConfig {
     pub noise: DepthNoise,
     /// Sizes below the full image.
     pub level_count: usize,
-    /// Size at which the model is predicted: 0 = half, 1 = quarter, 2 = eighth of the full image. A quarter tracks as
-    /// well as a half (RedKitchen 10.3 against 10.8 mm, mitsuba-dev 0.50 and 0.50 mm) in a third of the time: a surfel
-    /// stands for its plane.
+    /// Size at which the model is predicted: 0 = half, 1 = quarter, 2 = eighth, 3 = sixteenth of the full image. An
+    /// eighth tracks as well as a quarter (RedKitchen 21.9 against 22.0 mm, tum-fr1-rpy 16.3 and 15.8, mitsuba-dev 0.59
+    /// and 0.53) in three fifths of the time: a surfel stands for its plane.
     pub view_level: usize,
     /// When a frame that follows another is believed.
     pub gates: Gates,
@@ -68,8 +68,8 @@ impl Default for LiveConfig {
             color_stride: COLOR_STRIDE,
             icp: IcpConfig::default(),
             noise: DepthNoise::default(),
-            level_count: 3,
-            view_level: 1,
+            level_count: 4,
+            view_level: 2,
             gates: Gates::TRACKING,
             relocalising: Gates::RELOCALISING,
             keyframes: KeyframeConfig::default(),

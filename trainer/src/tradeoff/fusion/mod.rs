@@ -96,8 +96,8 @@ pub const SUBJECT: Subject = Subject {
         },
         Knob {
             name: "view-level",
-            default: "1",
-            others: &["0", "2"],
+            default: "2",
+            others: &["0", "1", "3"],
         },
         Knob {
             name: "icp-iterations",
