@@ -24,6 +24,11 @@ const STEPS: usize = 5;
 const LEAST_STEP: f64 = 1e-5;
 /// Share of the largest eigenvalue below which a direction keeps its start.
 const LEAST_EIGENVALUE: f64 = 1e-4;
+/// Share of what a photograph claims to know that is added to what depth knows. Live tracking asks photographs only
+/// where depth is silent and may believe them; here they are weighed against depth everywhere, and believed in full they
+/// pull cameras after what looks alike: on mitsuba-dev the residual flow then stays at 0.38 pixels in place of 0.23.
+const PHOTOMETRIC_SHARE: f64 = 1.0 / 12.0;
+
 /// How pairs are made.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pairing {
@@ -68,7 +73,7 @@ pub(super) fn align(
         let seen =
             grey.and_then(|grey| photometric.equations(view, grey, &pose, center, radius, level));
         if let Some(term) = seen {
-            equations = total(equations, &term.equations);
+            equations = total(equations, &term.equations, PHOTOMETRIC_SHARE);
         }
         let solution = equations.solve(LEAST_EIGENVALUE);
         let length = solution.step.iter().map(|s| s * s).sum::<f64>().sqrt();
@@ -107,12 +112,13 @@ fn sum(
     total
 }
 
-fn total(mut sum: NormalEquations, other: &NormalEquations) -> NormalEquations {
+/// `sum` and `share` of `other`.
+fn total(mut sum: NormalEquations, other: &NormalEquations, share: f64) -> NormalEquations {
     for row in 0..6 {
         for column in 0..6 {
-            sum.hessian[row][column] += other.hessian[row][column];
+            sum.hessian[row][column] += share * other.hessian[row][column];
         }
-        sum.gradient[row] += other.gradient[row];
+        sum.gradient[row] += share * other.gradient[row];
     }
     sum
 }
