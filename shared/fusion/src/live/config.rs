@@ -31,7 +31,7 @@ pub struct LiveConfig {
     pub volume: VolumeConfig,
     /// Blocks whose memory the first map takes ahead ([`crate::Volume::reserve`]).
     pub reserved_blocks: usize,
-    /// Of so many fused frames one is fused with its colour.
+    /// Of so many photographs of fused frames one is fused.
     pub color_stride: NonZeroU32,
     /// Alignment.
     pub icp: IcpConfig,

@@ -80,7 +80,8 @@ pub struct LiveFusion {
     alike: Vec<(f64, usize)>,
     tracked: Tracked,
     last: Option<Alignment>,
-    fused_count: u64,
+    /// Photographs that were offered for fusion.
+    photograph_count: u64,
 }
 
 impl LiveFusion {
@@ -134,7 +135,7 @@ impl LiveFusion {
             before: Thumbnail::default(),
             alike: Vec::new(),
             last: None,
-            fused_count: 0,
+            photograph_count: 0,
             tracked: Tracked {
                 state: TrackState::Lost,
                 map: 0,
@@ -148,8 +149,8 @@ impl LiveFusion {
         })
     }
 
-    /// Where the half-size luminance of the frame's photograph goes before [`LiveFusion::load_photograph`]: linear, 0 = unknown
-    /// or saturated, as [`imaging::develop::Developer::develop`] writes it. `None` where the rig has no colour camera.
+    /// Where the half-size luminance of the frame's photograph goes before [`LiveFusion::load_photograph`]: linear,
+    /// 0 = unknown or saturated, as [`imaging::develop::Developer::develop`] writes it. `None` where the rig has no colour camera.
     pub fn grey_mut(&mut self) -> Option<&mut imaging::Image<f32>> {
         self.grey.as_mut().map(GreyFrame::finest_mut)
     }
@@ -209,8 +210,8 @@ impl LiveFusion {
     }
 
     /// Fuses the frame that was tracked, unless it is lost (`None`); also keeps keyframes. `depth` as for
-    /// [`LiveFusion::load`]; `color`: the developed photograph in the colour camera's grid, which is registered here, and
-    /// counts in one frame of [`LiveConfig::color_stride`].
+    /// [`LiveFusion::load`]; `color`: the developed photograph in the colour camera's grid, which is registered
+    /// here; one in [`LiveConfig::color_stride`] counts.
     ///
     /// # Errors
     /// When an image has not the size of its camera.
@@ -226,8 +227,10 @@ impl LiveFusion {
         let volume = &mut self.maps[self.map].volume;
         let camera = &self.rig.depth_camera;
         let stride = u64::from(self.config.color_stride.get());
-        let color = color.filter(|_| self.fused_count.is_multiple_of(stride));
-        self.fused_count += 1;
+        // Photographs are counted, not frames: where only every second frame has one, it must not be the wrong one.
+        let turn = self.photograph_count;
+        self.photograph_count += u64::from(color.is_some());
+        let color = color.filter(|_| turn.is_multiple_of(stride));
         let stats = match (color, &mut self.registration) {
             (Some(color), Some(registration)) => {
                 registration.register(depth.pixels(), color, &mut self.registered)?;

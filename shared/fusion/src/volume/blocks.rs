@@ -153,8 +153,12 @@ impl BlockStore {
         let (index, place) = (self.block_count, self.block_count % SLAB_BLOCKS);
         if place == 0 {
             let slab = self.spare.pop();
-            self.slabs
-                .push(slab.unwrap_or_else(|| Slab::new(self.has_color)));
+            let mut slab = slab.unwrap_or_else(|| Slab::new(self.has_color));
+            if !self.has_color {
+                // What is held is counted by whether there is colour.
+                slab.colors = Vec::new();
+            }
+            self.slabs.push(slab);
         }
         let slab = &mut self.slabs[index / SLAB_BLOCKS];
         slab.keys[place] = key;
@@ -183,7 +187,7 @@ impl BlockStore {
     /// Gives every block a place for colour.
     pub(super) fn add_color(&mut self) {
         self.has_color = true;
-        for slab in &mut self.slabs {
+        for slab in self.slabs.iter_mut().chain(&mut self.spare) {
             slab.colors.reserve_exact(SLAB_BLOCKS);
             slab.colors.resize(slab.blocks.len(), ColorBlock::EMPTY);
         }
@@ -216,7 +220,9 @@ impl BlockStore {
 
     /// Bytes more that colour would take.
     pub(super) fn color_bytes(&self) -> usize {
-        self.slabs.len() * SLAB_BLOCKS * size_of::<ColorBlock>()
+        let slabs = self.slabs.iter().chain(&self.spare);
+        let missing = slabs.map(|slab| SLAB_BLOCKS.saturating_sub(slab.colors.capacity()));
+        missing.sum::<usize>() * size_of::<ColorBlock>()
     }
 
     fn slab_bytes(&self) -> usize {

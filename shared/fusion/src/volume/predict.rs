@@ -60,20 +60,9 @@ impl Volume {
     /// than two pixels, or than four and within two truncations of what lies behind it, may be missed in front of
     /// a surface. Allocates nothing once the view has its size; the same bits for any number of threads.
     pub fn predict(&self, camera: &Intrinsics, world_from_camera: &Pose, view: &mut ModelView) {
-        view.reset(camera, world_from_camera);
-        let rays = VoxelRays::new(self, camera, world_from_camera);
-        let (width, height) = (view.width(), view.height());
+        let rays = self.look_from(camera, world_from_camera, Detail::Octants, view);
+        let width = view.width();
         let tile_columns = width.div_ceil(TILE);
-        view.ranges
-            .resize(tile_columns * height.div_ceil(TILE), DepthRange::EMPTY);
-        let mut tiles = Tiles {
-            ranges: &mut view.ranges,
-            width,
-            height,
-            voxel_size: self.config.voxel_size,
-        };
-        tiles.fit(&self.store, &rays, Detail::Octants);
-
         let min_weight = view.min_weight.max(f32::MIN_POSITIVE);
         view.surfels
             .par_chunks_mut(width * TILE * BAND_TILES)
@@ -90,6 +79,31 @@ impl Volume {
                 };
                 band.predict(ranges, surfels);
             });
+    }
+
+    /// Gives `view` its camera and place, and fits the ranges of its tiles.
+    fn look_from(
+        &self,
+        camera: &Intrinsics,
+        world_from_camera: &Pose,
+        detail: Detail,
+        view: &mut ModelView,
+    ) -> VoxelRays {
+        view.reset(camera, world_from_camera);
+        let rays = VoxelRays::new(self, camera, world_from_camera);
+        let (width, height) = (view.width(), view.height());
+        view.ranges.resize(
+            width.div_ceil(TILE) * height.div_ceil(TILE),
+            DepthRange::EMPTY,
+        );
+        let mut tiles = Tiles {
+            ranges: &mut view.ranges,
+            width,
+            height,
+            voxel_size: self.config.voxel_size,
+        };
+        tiles.fit(&self.store, &rays, detail);
+        rays
     }
 
     /// A march through everything that the volume can hold.

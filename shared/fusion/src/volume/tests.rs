@@ -66,6 +66,23 @@ fn memory_taken_ahead_changes_nothing_and_keeps_the_limit() {
         assert!(volume.memory_bytes() <= config.memory_limit_bytes);
         (volume, taken)
     };
+    // Depth alone first: what was taken for colours is given back, not hidden, and colour still finds its place.
+    let mut late = Volume::new(config.clone()).expect("usable");
+    late.reserve(128, true);
+    late.integrate(&depth, &camera, &Pose::IDENTITY)
+        .expect("fits");
+    late.integrate(&depth, &camera, &Pose::IDENTITY)
+        .expect("fits");
+    let held = |volume: &Volume| -> usize {
+        let slabs = volume.store.slabs().iter();
+        slabs.map(|slab| slab.colors.capacity()).sum()
+    };
+    assert!(late.block_count() > 64 && held(&late) == 0);
+    let pixels = vec![LinearPixel::from_radiance([0.5; 3], false); depth.len()];
+    late.integrate_colored(&depth, &pixels, &camera, &Pose::IDENTITY)
+        .expect("fits");
+    assert!(late.has_color() && late.memory_bytes() <= config.memory_limit_bytes);
+
     let (plain, bare) = fused(0);
     assert!(plain.block_count() > 64, "more than a slab");
     for reserved in [64, 256, usize::MAX] {

@@ -3,7 +3,7 @@
 use fusion::VolumeConfig;
 use fusion::live::{Effort, LiveConfig, LiveFusion, LiveRig, Tracked};
 use fusion::tracking::TrackState;
-use geometry::{DVec3, Pose};
+use geometry::{DVec3, Intrinsics, Pose};
 use imaging::DepthImage;
 
 use crate::shapes;
@@ -213,4 +213,33 @@ fn no_world_begins_without_memory() {
     let (player, held, last) = room_and_ball(bounded(64 << 20));
     assert_eq!((last.map, last.state), (0, TrackState::Lost));
     assert_eq!(player.live.memory_bytes(), held);
+}
+
+#[test]
+fn colour_comes_in_where_only_every_second_frame_has_a_photograph() {
+    let camera = Intrinsics::pinhole(160, 120, 150.0, 150.0, 79.5, 59.5).expect("usable");
+    let depth = DepthImage::from_fn(160, 120, |x, y| {
+        1.0 + 0.05 * ((x as f32 * 0.11).sin() + (y as f32 * 0.13).cos())
+    });
+    let photograph = vec![imaging::LinearPixel::from_radiance([0.5; 3], false); 160 * 120];
+    let rig = LiveRig {
+        depth_camera: camera,
+        color_camera: Some(camera),
+        color_from_depth: Pose::IDENTITY,
+    };
+    let config = LiveConfig {
+        volume: VolumeConfig {
+            voxel_size: 0.01,
+            ..LiveConfig::default().volume
+        },
+        ..LiveConfig::default()
+    };
+    let mut live = LiveFusion::new(config, rig, Pose::IDENTITY).expect("usable");
+    for frame in 0..6 {
+        live.load(&depth, false);
+        live.track(frame * INTERVAL, Effort::default());
+        let color = (frame % 2 == 1).then_some(&photograph[..]);
+        live.fuse(&depth, color).expect("a frame");
+    }
+    assert!(live.volume().has_color());
 }

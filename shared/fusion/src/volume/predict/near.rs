@@ -7,7 +7,7 @@ use super::super::Volume;
 use super::super::allocate::whole_below;
 use super::super::key::{BLOCK_EDGE, BLOCK_SHIFT};
 use super::super::march::{Approach, March};
-use super::super::ranges::{Detail, TILE, Tiles};
+use super::super::ranges::{Detail, TILE};
 use super::super::sampler::Sampler;
 use super::{Band, DepthRange, Guesses, STRIP, VoxelRays, Walks};
 use crate::kernels::integrate::Block;
@@ -38,21 +38,10 @@ impl Volume {
         depth: &[f32],
         view: &mut ModelView,
     ) {
-        view.reset(camera, world_from_camera);
+        let rays = self.look_from(camera, world_from_camera, Detail::Blocks, view);
         assert_eq!(depth.len(), view.surfels.len(), "a depth per pixel");
-        let rays = VoxelRays::new(self, camera, world_from_camera);
-        let (width, height) = (view.width(), view.height());
+        let width = view.width();
         let tile_columns = width.div_ceil(TILE);
-        view.ranges
-            .resize(tile_columns * height.div_ceil(TILE), DepthRange::EMPTY);
-        let mut tiles = Tiles {
-            ranges: &mut view.ranges,
-            width,
-            height,
-            voxel_size: self.config.voxel_size,
-        };
-        tiles.fit(&self.store, &rays, Detail::Blocks);
-
         let min_weight = view.min_weight.max(f32::MIN_POSITIVE);
         view.surfels
             .par_chunks_mut(width * TILE * BAND_TILES)
