@@ -9,16 +9,12 @@ fn view_of(cosine: f32) -> Vec3 {
     Vec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine)
 }
 
-/// The disc of Heitz 2018 without care: at its rim the root of 1 − t₁² − t₂² is NaN.
-fn naive_half(alpha: f32, view: Vec3, u: [f32; 2]) -> Vec3 {
-    let stretched = Vec3::new(alpha * view.x, alpha * view.y, view.z).normalize();
-    let (t1, t2) = geometry::direction::basis(stretched);
-    let (radius, angle) = (u[0].sqrt(), std::f32::consts::TAU * u[1]);
-    let (a, b) = (radius * angle.cos(), radius * angle.sin());
-    let s = 0.5 * (1.0 + stretched.z);
-    let b = (1.0 - s) * (1.0 - a * a).sqrt() + s * b;
-    let half = a * t1 + b * t2 + (1.0 - a * a - b * b).sqrt() * stretched;
-    Vec3::new(alpha * half.x, alpha * half.y, half.z).normalize()
+/// The spherical cap without care, of a surface with α = 1: it trusts that the view is one long.
+fn naive_half(view: Vec3, u: [f32; 2]) -> Vec3 {
+    let angle = std::f32::consts::TAU * u[0];
+    let z = (1.0 - u[1]) * (1.0 + view.z) - view.z;
+    let sine = (1.0 - z * z).sqrt();
+    (Vec3::new(sine * angle.cos(), sine * angle.sin(), z) + view).normalize()
 }
 
 /// Draws whose share of the weight is compared with the density's integral, in cells of (θ, φ) of the half vector.
@@ -44,7 +40,7 @@ fn chi_square(alpha: f32, cosine: f32, seed: u64) -> (f64, f64) {
     }
     // The same cells by quadrature in (x, turn).
     let mut expected = vec![0.0; CELLS[0] * CELLS[1]];
-    let steps = 256;
+    let steps = 1024;
     let (a2, vz) = (f64::from(alpha * alpha), f64::from(view.z));
     let lambda = 0.5 * ((1.0 + a2 * (1.0 - vz * vz) / (vz * vz)).sqrt() - 1.0);
     let g1 = 1.0 / (1.0 + lambda);
@@ -104,11 +100,11 @@ fn chi_limit(freedom: f64) -> f64 {
 
 #[test]
 fn hc_i06_visible_halves_are_finite_and_follow_their_density() {
-    // Bite: numbers as they are drawn.
+    // Bite: a view that rotations have left two rounding steps too long.
+    let view = Vec3::new(0.0, 0.0, 1.0 + 2.0 * f32::EPSILON);
     let rim = 1.0 - 0.5 * f32::EPSILON;
-    let bad =
-        (0..10_000).filter(|&i| naive_half(0.7, Vec3::Z, [rim, i as f32 / 10_000.0]).is_nan());
-    assert!(bad.count() > 0);
+    assert!(naive_half(view, [0.3, rim]).is_nan());
+    assert!(lobe::sample_visible_half(1.0, view, [0.3, rim]).is_finite());
     let mut random = Pcg64::seed_from_u64(106);
     for _ in 0..1_000_000 {
         let alpha = 10.0_f32.powf(-4.0 * random.random::<f32>());
