@@ -382,8 +382,7 @@ impl Film {
         }
         let mut sum = [0.0; 3];
         for path in 0..self.options.paths {
-            let item = self.item(pixel, sample * self.options.paths + path);
-            let mut random = self.path_random(index, item);
+            let mut random = self.path_random(index, pixel, sample * self.options.paths + path);
             let value = transport.leaving(point, -ray.direction, &mut random);
             for (sum, value) in sum.iter_mut().zip(value) {
                 *sum += value;
@@ -392,12 +391,10 @@ impl Film {
         sum.map(|value| value / self.options.paths as f32)
     }
 
-    fn path_random(&self, index: u32, item: u64) -> PathRandom {
+    fn path_random(&self, index: u32, pixel: [u32; 2], path: u32) -> PathRandom {
+        let item = self.item(pixel, 0);
         let stream = |purpose| Stream::new(self.options.seed, purpose, u64::from(index), item);
-        PathRandom {
-            lobe: stream(Purpose::Lobe),
-            environment: stream(Purpose::Environment),
-        }
+        PathRandom::new(path, stream(Purpose::Lobe), stream(Purpose::Environment))
     }
 
     /// Number of a sample of a pixel, unique in its frame.
@@ -516,9 +513,8 @@ impl Film {
         }
         const PATHS: u32 = 16;
         for path in 0..PATHS {
-            // Beyond the numbers that the frame itself draws.
-            let item = self.item(pixel, (1 << 22) + path);
-            let mut random = self.path_random(index, item);
+            // Beyond the paths of the frame itself.
+            let mut random = self.path_random(index, pixel, (1 << 20) + path);
             let value = transport.leaving(&point, -ray.direction, &mut random);
             for (sum, (value, matte)) in truth
                 .specular
@@ -588,7 +584,11 @@ fn environment(
         Some(map) => Environment::from_panorama(&map.map(|value| value.map(|v| v.min(limit))))?,
         None => {
             // A texel is a quarter of the width of the finest bar; small pictures see no bar.
-            let height = if options.width >= 320 { 1024 } else { 256 };
+            let height = match options.width {
+                320.. => 1024,
+                160.. => 512,
+                _ => 128,
+            };
             let size = geometry::PanoramaSize::from_height(height).expect("rows of a panorama");
             Environment::from_function(size, |direction| {
                 design.room.radiance(direction).map(|v| v.min(limit))

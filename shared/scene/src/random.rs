@@ -60,6 +60,11 @@ impl Stream {
         mix(self.key.wrapping_add(self.dimension.wrapping_mul(GOLDEN)))
     }
 
+    /// Leaves out `count` numbers.
+    pub fn skip(&mut self, count: u64) {
+        self.dimension += count;
+    }
+
     /// Uniform in [0, 1), a multiple of 2⁻²⁴.
     pub fn unit(&mut self) -> f32 {
         (self.bits() >> 40) as f32 * (1.0 / 16_777_216.0)

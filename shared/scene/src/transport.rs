@@ -83,12 +83,74 @@ pub struct Transport<'a> {
     pub counts: TransportCounts,
 }
 
-/// Numbers for one path.
+/// Numbers for one path of several through the same pixel.
+///
+/// The first bounce of path k takes the k-th point of a sequence that fills the square evenly (Roberts' R sequences),
+/// moved by numbers of the pixel: the mean over paths converges faster, and each path is still uniform. Later bounces
+/// draw by themselves.
 pub struct PathRandom {
-    /// Directions of the lobes.
-    pub lobe: Stream,
-    /// Directions of the environment.
-    pub environment: Stream,
+    /// Number of the path.
+    path: u32,
+    /// Shifts of the pixel, then directions of later bounces.
+    lobe: Stream,
+    /// As `lobe`, of the environment.
+    environment: Stream,
+    /// The pixel's shifts: lobe, environment.
+    shifts: [f32; 5],
+}
+
+/// Steps of the sequences: powers of the plastic number's inverse in two, and of its like in three dimensions.
+const STEPS: [f64; 5] = [
+    0.754_877_666_246_692_8,
+    0.569_840_290_998_053_3,
+    0.819_172_513_396_164_4,
+    0.671_043_606_703_789_2,
+    0.549_700_477_901_970_3,
+];
+
+impl PathRandom {
+    /// Path number `path` of a pixel whose shifts `lobe` and `environment` begin with.
+    pub fn new(path: u32, mut lobe: Stream, mut environment: Stream) -> Self {
+        let [a, b] = lobe.pair();
+        let [c, d] = environment.pair();
+        let e = environment.unit();
+        // Later bounces of different paths must not share their numbers.
+        lobe.skip(u64::from(path) * 64);
+        environment.skip(u64::from(path) * 64);
+        Self {
+            path,
+            lobe,
+            environment,
+            shifts: [a, b, c, d, e],
+        }
+    }
+
+    fn sequence(&self, dimension: usize) -> f64 {
+        (f64::from(self.shifts[dimension]) + STEPS[dimension] * f64::from(self.path)).fract()
+    }
+
+    fn lobe(&mut self, bounce: u32) -> [f32; 2] {
+        if bounce == 0 {
+            [0, 1].map(|dimension| below_one(self.sequence(dimension)))
+        } else {
+            self.lobe.pair()
+        }
+    }
+
+    /// Of the first bounce only.
+    fn environment(&mut self) -> (f64, [f32; 2]) {
+        // A finer choice than 24 bits: one of 32,768 texels and where between its neighbours.
+        let choice = self.sequence(2) + f64::from(self.environment.unit()) / 16_777_216.0;
+        (
+            choice.fract(),
+            [3, 4].map(|dimension| below_one(self.sequence(dimension))),
+        )
+    }
+}
+
+/// In f32, which would round up to 1.
+fn below_one(value: f64) -> f32 {
+    (value as f32).min(1.0 - 0.5 * f32::EPSILON)
 }
 
 impl Transport<'_> {
@@ -158,7 +220,7 @@ impl Transport<'_> {
         let half = if is_mirror {
             Vec3::Z
         } else {
-            lobe::sample_visible_half(gloss.alpha, view, random.lobe.pair())
+            lobe::sample_visible_half(gloss.alpha, view, random.lobe(bounce))
         };
         let light = lobe::mirrored(view, half);
         let shares = !is_mirror && gloss.alpha >= SHARED_ALPHA && bounce == 0;
@@ -236,12 +298,8 @@ impl Transport<'_> {
         local: &impl Fn(Vec3) -> Vec3,
         random: &mut PathRandom,
     ) -> [f32; 3] {
-        let choice = f64::from(random.environment.unit())
-            + f64::from(random.environment.unit()) / 16_777_216.0;
-        let (direction, density) = self
-            .world
-            .environment
-            .sample(choice, random.environment.pair());
+        let (choice, within) = random.environment();
+        let (direction, density) = self.world.environment.sample(choice, within);
         let light = local(direction);
         if !(light.z > 0.0) || direction.dot(point.facet) <= 0.0 || !(density > 0.0) {
             return [0.0; 3];

@@ -24,8 +24,8 @@ fn sheet(name: &'static str, about: &'static str, finish: Finish) -> Design {
     let half = Vec3::new(0.34, 0.0, 0.26);
     let shape = Shape::rectangle(
         Vec3::new(-half.x, 0.0, -half.z),
-        Vec3::Z * 2.0 * half.z,
         Vec3::X * 2.0 * half.x,
+        Vec3::Z * 2.0 * half.z,
         0.01,
     );
     let material = Material {

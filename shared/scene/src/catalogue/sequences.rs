@@ -123,12 +123,13 @@ pub(super) fn bag() -> Design {
             Vec3::new(0.26 * (s - 0.5), -0.036 - side * thick, 0.19 * (t - 0.5))
         })
     };
-    // The upper side looks up: across × down has to.
-    let mut upper = surface(1.0);
-    for normal in &mut upper.normals {
+    // x × z looks up, and so would the lower side.
+    let mut lower = surface(-1.0);
+    for normal in &mut lower.normals {
         *normal = -*normal;
     }
-    upper.append(surface(-1.0));
+    let mut both = surface(1.0);
+    both.append(lower);
     sequence(
         "bag",
         "a bag of chips",
@@ -139,7 +140,7 @@ pub(super) fn bag() -> Design {
                 "bag",
                 Material::glossy(print(0.05), film([0.45, 0.43, 0.4], 0.03)),
                 Vec3::ZERO,
-                upper,
+                both,
             ),
         ],
     )
@@ -192,10 +193,6 @@ pub(super) fn foil() -> Design {
             0.2 * (t - 0.5),
         )
     });
-    let mut shape = shape;
-    for normal in &mut shape.normals {
-        *normal = -*normal;
-    }
     sequence(
         "foil",
         "a crumpled shiny bag",
@@ -225,14 +222,18 @@ pub(super) fn plane() -> Design {
         0.008,
     );
     let frame_material = || Material::glossy(Texture::Plain([0.25, 0.14, 0.06]), coat(0.05, 0.1));
+    let front = Vec3::X.cross(up) * 0.008;
     let rail = |from: Vec3, along: Vec3, across: Vec3| {
-        let out = along.cross(across).normalize() * 0.008;
-        let mut shape = Shape::rectangle(from - out, along, across, 0.01);
-        shape.append(Shape::rectangle(from - out, along, out, 0.01));
-        shape.append(Shape::rectangle(from - out + across, along, out, 0.01));
+        let mut shape = Shape::rectangle(from + front, along, across, 0.01);
+        shape.append(Shape::rectangle(from, along, front, 0.01));
+        shape.append(Shape::rectangle(from + front + across, along, -front, 0.01));
         shape
     };
-    let mut frame = rail(low - Vec3::X * 0.145, Vec3::X * 0.29, -up * 0.012);
+    let mut frame = rail(
+        low - up * 0.012 - Vec3::X * 0.145,
+        Vec3::X * 0.29,
+        up * 0.012,
+    );
     frame.append(rail(
         low + up * height - Vec3::X * 0.145,
         Vec3::X * 0.29,

@@ -52,8 +52,8 @@ pub(super) fn film(r0: [f32; 3], alpha: f32) -> Gloss {
 /// A square matte table top at y = 0 with half an edge of `half` metres.
 pub(super) fn table(texture: Texture, half: f32) -> (Object, Shape) {
     let corner = Vec3::new(-half, 0.0, -half);
-    // Down × across looks up, to −y.
-    let shape = Shape::rectangle(corner, Vec3::Z * 2.0 * half, Vec3::X * 2.0 * half, 0.012);
+    // x × z looks up, to −y.
+    let shape = Shape::rectangle(corner, Vec3::X * 2.0 * half, Vec3::Z * 2.0 * half, 0.012);
     prop("table", Material::matte(texture), shape)
 }
 

@@ -56,6 +56,38 @@ pub(crate) fn luminance([r, g, b]: [f32; 3]) -> f64 {
     0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b)
 }
 
+/// Most rows of the table that directions are drawn from.
+const IMPORTANCE_ROWS: u32 = 128;
+
+/// The table of a panorama, averaged to fewer rows. Light is bilinear between texels: a dark texel next to a bright
+/// one gets a thousandth of it, so that no lit direction is never drawn.
+fn importance_of(size: PanoramaSize, texels: &[[f32; 3]]) -> ImportanceTable {
+    let factor = (size.height() / IMPORTANCE_ROWS).max(1);
+    let coarse = PanoramaSize::from_height(size.height() / factor).unwrap_or(size);
+    let (width, fine_width) = (coarse.width() as usize, size.width() as usize);
+    let mut means = vec![0.0_f64; coarse.texel_count()];
+    for (index, mean) in means.iter_mut().enumerate() {
+        let (x0, y0) = (
+            (index % width) * factor as usize,
+            (index / width) * factor as usize,
+        );
+        for y in y0..y0 + factor as usize {
+            let row = &texels[y * fine_width + x0..][..factor as usize];
+            *mean += row.iter().map(|texel| luminance(*texel)).sum::<f64>();
+        }
+        *mean /= f64::from(factor * factor);
+    }
+    let brightest_near = |index: usize| {
+        let (column, row) = ((index % width) as i64, (index / width) as i64);
+        let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
+        near.map(|(dx, dy)| means[coarse.wrap(column + dx, row + dy) as usize])
+            .fold(0.0, f64::max)
+    };
+    ImportanceTable::new(coarse, |index| {
+        means[index].max(1e-3 * brightest_near(index))
+    })
+}
+
 /// Samples of a texel in each direction when a function becomes a panorama.
 const SUPERSAMPLING: u32 = 4;
 
@@ -110,7 +142,7 @@ impl Environment {
     }
 
     fn new(size: PanoramaSize, texels: Vec<[f32; 3]>) -> Self {
-        let importance = ImportanceTable::new(size, |index| luminance(texels[index]));
+        let importance = importance_of(size, &texels);
         Self {
             size,
             texels,

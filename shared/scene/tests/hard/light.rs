@@ -16,12 +16,21 @@ fn environment(radiance: impl Fn(u32, u32) -> f32) -> Environment {
     Environment::from_panorama(&map).expect("a panorama")
 }
 
-/// Weight of each texel: light times solid angle.
+/// Weight of each texel: light times solid angle; next to a bright texel at least a thousandth of it, since light is
+/// bilinear between texels.
 fn weights(radiance: &impl Fn(u32, u32) -> f32) -> Vec<f64> {
     let size = PanoramaSize::from_height(32).expect("a panorama");
-    (0..32)
-        .flat_map(|y| (0..64).map(move |x| (x, y)))
-        .map(|(x, y)| f64::from(radiance(x, y)) * size.solid_angle(y))
+    let at = |column: i64, row: i64| {
+        let index = size.wrap(column, row);
+        f64::from(radiance(index % 64, index / 64))
+    };
+    (0..32_i64)
+        .flat_map(|y| (0..64_i64).map(move |x| (x, y)))
+        .map(|(x, y)| {
+            let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
+            let brightest = near.map(|(x, y)| at(x, y)).fold(0.0, f64::max);
+            at(x, y).max(1e-3 * brightest) * size.solid_angle(y as u32)
+        })
         .collect()
 }
 
