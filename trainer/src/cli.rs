@@ -4,6 +4,7 @@
 //! with a list · 101 a bug.
 
 mod eval;
+mod simulate;
 mod tradeoff;
 
 use std::io::IsTerminal as _;
@@ -50,6 +51,8 @@ struct Cli {
 enum Command {
     /// Make a recording from a folder of frames (7-Scenes, TUM RGB-D, or a plain folder) with a rig file.
     Import(ImportArgs),
+    /// Film a scene that does not exist: a recording, and its truth beside it.
+    Simulate(simulate::SimulateArgs),
     /// Rebuild shape and specular map from a recording's training frames.
     Train(TrainArgs),
     /// Measure a run: room, held-out photographs, camera path, shape; or the camera path of a recording.
@@ -286,6 +289,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
     let progress = Progress::new();
     let summary = pool.install(|| match &cli.command {
         Command::Import(args) => run_import(args, &progress),
+        Command::Simulate(args) => simulate::run(args, &progress),
         Command::Train(args) => run_train(args, threads, &progress),
         Command::Eval(args) => eval::run(args, &progress),
         Command::Tradeoff(args) => tradeoff::run(args, &progress),

@@ -19,7 +19,7 @@
 //! Map: [`cli`] flags and exit codes · [`import`] foreign recordings · [`train`] the stages in order ·
 //! [`stages`] poses, geometry, diffuse, linear · [`refine`] poses that fit each other · [`eval`] figures
 //! against truth · [`tradeoff`] accuracy against time · [`report`] one page · [`render`] pictures from any
-//! view · [`export`] files for other programs · [`run_folder`] what is kept.
+//! view · [`export`] files for other programs · [`simulate`] captures with their truth · [`run_folder`] what is kept.
 //!
 //! Invariants: training reads training frames only; no file has its final name before it is complete; the
 //! same input, seed and SIMD level give the same bits for any number of threads.
@@ -38,6 +38,7 @@ pub mod refine;
 pub mod render;
 pub mod report;
 pub mod run_folder;
+pub mod simulate;
 pub mod stages;
 pub mod tradeoff;
 pub mod train;

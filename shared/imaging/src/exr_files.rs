@@ -104,6 +104,42 @@ pub fn read_confidence_exr(path: &Path) -> Result<ConfidenceMap, ImagingError> {
     })
 }
 
+/// A named part of a picture file.
+#[derive(Debug, Clone, Copy)]
+pub enum Layer<'a> {
+    /// Channels `name.R`, `name.G`, `name.B`.
+    Rgb(&'a str, &'a LinearImage),
+    /// One channel `name`.
+    Scalar(&'a str, &'a Image<f32>),
+}
+
+/// Writes layers of one size as f32 channels. Refuses layers of different sizes; no layer at all makes a file
+/// without pixels, which is refused too.
+pub fn write_layers_exr(path: &Path, layers: &[Layer<'_>]) -> Result<(), ImagingError> {
+    let size = |layer: &Layer<'_>| match layer {
+        Layer::Rgb(_, image) => (image.width(), image.height()),
+        Layer::Scalar(_, image) => (image.width(), image.height()),
+    };
+    let (width, height) = layers.first().map_or((0, 0), size);
+    let mut content = Content::new(width, height);
+    let first = Image::new(width, height, ());
+    for layer in layers {
+        match layer {
+            Layer::Rgb(name, image) => {
+                first.require_same_size(image)?;
+                let names = ["R", "G", "B"].map(|channel| format!("{name}.{channel}"));
+                let names: [&str; 3] = std::array::from_fn(|channel| names[channel].as_str());
+                add_rgb(&mut content, &names, image);
+            }
+            Layer::Scalar(name, image) => {
+                first.require_same_size(image)?;
+                content.add_channel(name, FlatSamples::F32(image.pixels().to_vec()));
+            }
+        }
+    }
+    write(path, content)
+}
+
 /// Reads one channel as f32: the one called `name`, else the first by name (files with one channel).
 pub fn read_channel_exr(path: &Path, name: Option<&str>) -> Result<Image<f32>, ImagingError> {
     let content = read(path)?;

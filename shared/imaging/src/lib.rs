@@ -51,8 +51,8 @@ pub use crate::depth::{
 pub use crate::develop::{ChromaSiting, ColorLayout, Developer, YuvCoding, YuvMatrix, YuvRange};
 pub use crate::error::ImagingError;
 pub use crate::exr_files::{
-    ConfidenceMap, PanoramaAttributes, read_channel_exr, read_confidence_exr, read_rgb_exr,
-    write_confidence_exr, write_rgb_exr,
+    ConfidenceMap, Layer, PanoramaAttributes, read_channel_exr, read_confidence_exr, read_rgb_exr,
+    write_confidence_exr, write_layers_exr, write_rgb_exr,
 };
 pub use crate::files::{
     decode_jpeg, decode_png_gray8, decode_png_gray16, decode_png_mask, decode_png_mosaic8,

@@ -11,10 +11,10 @@ mod folder;
 mod frames_json;
 mod pairs;
 mod ply_points;
-mod poses;
+pub(crate) mod poses;
 mod readme;
 mod seven_scenes;
-mod target_folder;
+pub(crate) mod target_folder;
 mod tum;
 
 use std::path::{Path, PathBuf};

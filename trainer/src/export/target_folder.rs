@@ -32,6 +32,11 @@ impl TargetFolder {
         })
     }
 
+    /// Where a file inside lies until the folder has its name.
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.part.path().join(name)
+    }
+
     /// Makes a folder inside.
     pub(crate) fn make(&self, name: &str) -> anyhow::Result<()> {
         let path = self.part.path().join(name);

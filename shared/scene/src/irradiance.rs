@@ -1,0 +1,128 @@
+//! Light on matte surfaces, a vertex: from the environment past all objects, and once more from their matte surfaces.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use raytrace::{MirrorQuery, Ray};
+
+use crate::random::{Purpose, Stream};
+use crate::world::{LightQuality, World};
+
+/// One of the directions that stand for the environment: radiance times solid angle over π.
+struct Light {
+    direction: Vec3,
+    radiance: [f32; 3],
+}
+
+/// Irradiance over π on both sides of nothing: on the side of each vertex' normal.
+pub(crate) fn gather(world: &World, quality: LightQuality, seed: u64) -> Vec<[f32; 3]> {
+    let lights = lights(world, quality.light_count, seed);
+    let mesh = world.mesh();
+    let direct: Vec<[f32; 3]> = (0..mesh.positions.len())
+        .into_par_iter()
+        .map(|vertex| from_environment(world, &lights, vertex))
+        .collect();
+    let colors = matte_colors(world, &direct);
+    (0..mesh.positions.len())
+        .into_par_iter()
+        .map(|vertex| {
+            let bounced = from_surfaces(world, &colors, vertex, quality.bounce_count, seed);
+            std::array::from_fn(|c| direct[vertex][c] + bounced[c])
+        })
+        .collect()
+}
+
+/// Directions in proportion to the light, one in each of as many equal parts of it.
+fn lights(world: &World, count: u32, seed: u64) -> Vec<Light> {
+    let environment = &world.environment;
+    (0..count)
+        .map(|index| {
+            let mut random = Stream::new(seed, Purpose::Irradiance, 0, u64::from(index));
+            let choice = (f64::from(index) + f64::from(random.unit())) / f64::from(count.max(1));
+            let (direction, density) = environment.sample(choice, random.pair());
+            let radiance = environment.radiance(Vec3::ZERO, direction);
+            let share = 1.0 / (density * count as f32 * std::f32::consts::PI);
+            Light {
+                direction,
+                radiance: radiance.map(|value| value * share),
+            }
+        })
+        .collect()
+}
+
+fn start(world: &World, vertex: usize) -> Vec3 {
+    let mesh = world.mesh();
+    // A tenth of a millimetre: facets of curved surfaces lie below their vertices.
+    let raised = mesh.positions[vertex] + mesh.normals[vertex] * 1e-4;
+    MirrorQuery::for_exact().start(raised, mesh.normals[vertex])
+}
+
+fn from_environment(world: &World, lights: &[Light], vertex: usize) -> [f32; 3] {
+    let normal = world.mesh().normals[vertex];
+    let origin = start(world, vertex);
+    let visible: Vec<(&Light, f32)> = lights
+        .iter()
+        .map(|light| (light, light.direction.dot(normal)))
+        .filter(|(_, cosine)| *cosine > 0.0)
+        .collect();
+    let rays: Vec<Ray> = visible
+        .iter()
+        .map(|(light, _)| Ray::new(origin, light.direction))
+        .collect();
+    let mut blocked = vec![false; rays.len()];
+    world.scene().blocked_batch(&rays, &mut blocked);
+    let mut sum = [0.0_f64; 3];
+    for ((light, cosine), is_blocked) in visible.iter().zip(blocked) {
+        if !is_blocked {
+            for (sum, radiance) in sum.iter_mut().zip(light.radiance) {
+                *sum += f64::from(radiance * cosine);
+            }
+        }
+    }
+    sum.map(|value| value as f32)
+}
+
+/// Matte radiance of each triangle's middle under the direct light.
+fn matte_colors(world: &World, direct: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    let mesh = world.mesh();
+    let triangles = mesh.triangles.iter().zip(world.object_of_triangle());
+    triangles
+        .map(|(corners, &object)| {
+            let object = &world.objects[usize::from(object)];
+            let middle: Vec3 = corners.iter().map(|&v| mesh.positions[v as usize]).sum();
+            let albedo = object.material.texture.at(middle / 3.0 - object.anchor);
+            std::array::from_fn(|c| {
+                let light: f32 = corners.iter().map(|&v| direct[v as usize][c]).sum();
+                albedo[c] * light / 3.0
+            })
+        })
+        .collect()
+}
+
+/// Light that other surfaces send, by cosine-weighted directions.
+fn from_surfaces(
+    world: &World,
+    colors: &[[f32; 3]],
+    vertex: usize,
+    count: u32,
+    seed: u64,
+) -> [f32; 3] {
+    let normal = world.mesh().normals[vertex];
+    let origin = start(world, vertex);
+    let (tangent, bitangent) = geometry::direction::basis(normal);
+    let mut random = Stream::new(seed, Purpose::Irradiance, 1, vertex as u64);
+    let mut sum = [0.0_f64; 3];
+    for index in 0..count {
+        let u = (index as f32 + random.unit()) / count as f32;
+        let angle = std::f32::consts::TAU * random.unit();
+        let flat = u.sqrt();
+        let direction = tangent * (flat * angle.cos())
+            + bitangent * (flat * angle.sin())
+            + normal * (1.0 - u).max(0.0).sqrt();
+        if let Some(hit) = world.scene().closest(&Ray::new(origin, direction)) {
+            for c in 0..3 {
+                sum[c] += f64::from(colors[hit.triangle as usize][c]);
+            }
+        }
+    }
+    sum.map(|value| (value / f64::from(count.max(1))) as f32)
+}
