@@ -132,7 +132,7 @@ pub fn decide(
         .map(|effect| first_record(effect, &survey, &rule, request, is_specular))
         .collect();
     let mut interactions = Vec::new();
-    let mut fresnel = None;
+    let (mut fresnel, mut bounce_gains) = (None, None);
     let mut contradictions = Vec::new();
     if is_specular && let Some(mut trial) = Trial::new(&survey.views, surface) {
         let chosen = probed(
@@ -148,6 +148,7 @@ pub fn decide(
             contradictions = audit(&mut trial, &rule, &records)?;
         }
         fresnel = trial.fresnel().cloned();
+        bounce_gains = trial.bounce_gains().cloned();
     }
     settle(&mut records, request.requests);
     let file = EffectsFile {
@@ -164,6 +165,7 @@ pub fn decide(
             is_specular,
             noise: survey.noise,
             fresnel: fresnel.unwrap_or_default(),
+            bounce_gains: bounce_gains.unwrap_or_default(),
         },
         wants_refinement: refines && request.refinement.is_none(),
         file,
@@ -410,8 +412,11 @@ fn probed(
     let selection = select(&candidates, start, rule, &mut |base, effect| {
         trial.compare(base, effect)
     })?;
-    if start.contains(Effect::Fresnel) && trial.fresnel().is_none() {
-        trial.compare(start.without(Effect::Fresnel), Effect::Fresnel)?;
+    // What is asked for was not compared, but its parameters are wanted.
+    for effect in [Effect::FirstBounce, Effect::Fresnel] {
+        if start.contains(effect) {
+            trial.fit(start, effect)?;
+        }
     }
     for judged in &selection.judged {
         if let Some(record) = records.iter_mut().find(|record| record.id == judged.effect) {

@@ -34,6 +34,8 @@ pub struct EffectPlan {
     pub noise: NoiseCurve,
     /// Rise of the reflectance of every segment that has one.
     pub fresnel: BTreeMap<u16, FresnelFit>,
+    /// What segments reflect of their first bounces over the common gain; 1 where it is not measured.
+    pub bounce_gains: BTreeMap<u16, f64>,
 }
 
 impl EffectPlan {
@@ -44,7 +46,15 @@ impl EffectPlan {
             is_specular: true,
             noise: NoiseCurve::of(Vec::new()),
             fresnel: BTreeMap::new(),
+            bounce_gains: BTreeMap::new(),
         }
+    }
+
+    /// What a segment reflects of its first bounces over the common gain.
+    pub fn bounce_gain(&self, segment: u16) -> f32 {
+        self.bounce_gains
+            .get(&segment)
+            .map_or(1.0, |&gain| gain as f32)
     }
 
     /// The rise of a segment's reflectance; `None` where it is not computed.

@@ -35,8 +35,6 @@ pub(super) struct Misregistration {
     pub delta_px: f64,
     /// Root mean square of the part that six degrees of freedom a view explain, chance taken out.
     pub rigid_px: f64,
-    /// Tiles.
-    pub tile_count: usize,
 }
 
 /// Shift of one tile.
@@ -65,7 +63,6 @@ pub(super) fn misregistration(
         .flatten()
         .map(|tile| tile.shift[0].hypot(tile.shift[1]))
         .collect();
-    let tile_count = lengths.len();
     let focal = 0.5 * (views.camera.focal().x + views.camera.focal().y);
     let explained: Vec<f64> = by_view
         .iter()
@@ -75,7 +72,6 @@ pub(super) fn misregistration(
     Misregistration {
         delta_px: robust::median(&mut lengths).unwrap_or(0.0),
         rigid_px: mean.max(0.0).sqrt(),
-        tile_count,
     }
 }
 

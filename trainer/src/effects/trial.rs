@@ -9,6 +9,7 @@ use effects::survey::CODES;
 use effects::{BlockPlan, Comparison, Effect, EffectSet, ErrorPair};
 use geometry::PanoramaSize;
 use rayon::prelude::*;
+use raytrace::Hit;
 use srm::rows::luminance;
 use srm::{DiffuseTreatment, JointSettings, Problem, Row, Rows};
 
@@ -32,6 +33,10 @@ const START_KAPPAS: [f64; 4] = [0.0, 2.0, 8.0, 24.0];
 const KAPPA_STEPS: usize = 4;
 /// S answers each step, so that a plain Newton step is too short.
 const KAPPA_RELAXATION: f64 = 1.5;
+/// Steps of the search for gains of first bounces.
+const BOUNCE_STEPS: usize = 3;
+/// A segment reflects at most this many times what the common gain says.
+const LARGEST_BOUNCE_GAIN: f64 = 3.0;
 /// Gain of the trial's map; the map takes up any other.
 const GAIN: f32 = 0.3;
 
@@ -61,6 +66,8 @@ pub(super) struct Trial {
     panorama: PanoramaSize,
     /// Found when Fresnel is tried.
     fresnel: Option<BTreeMap<u16, FresnelFit>>,
+    /// What segments reflect of their first bounces over the common gain; found when first bounces are tried.
+    bounce_gains: Option<BTreeMap<u16, f64>>,
     blocks: Option<BlockPlan>,
     /// Errors by set, so that none is solved twice: of fitted frames, and of blocks.
     fitted: BTreeMap<String, f64>,
@@ -115,7 +122,7 @@ impl Trial {
                     cosine: pixel.cosine,
                     bounce: pixel
                         .bounce
-                        .and_then(|bounce| colors.get(&bounce.triangle).copied()),
+                        .and_then(|bounce| bounce_color(&colors, surface, &bounce)),
                     second: pixel.second.map(|direction| {
                         let taps = panorama.taps(direction.as_dvec3());
                         (taps.texels, taps.weights)
@@ -128,6 +135,7 @@ impl Trial {
             cell_count: cells.len(),
             panorama,
             fresnel: None,
+            bounce_gains: None,
             blocks: None,
             fitted: BTreeMap::new(),
             held: BTreeMap::new(),
@@ -143,6 +151,11 @@ impl Trial {
     /// The rise of every segment's reflectance, found when it was tried.
     pub(super) fn fresnel(&self) -> Option<&BTreeMap<u16, FresnelFit>> {
         self.fresnel.as_ref()
+    }
+
+    /// What segments reflect of their first bounces, found when that was tried.
+    pub(super) fn bounce_gains(&self) -> Option<&BTreeMap<u16, f64>> {
+        self.bounce_gains.as_ref()
     }
 
     /// Mean absolute error of every view in codes, fitted with `set`, in the order of the views.
@@ -161,10 +174,12 @@ impl Trial {
     }
 
     /// Errors of `base` without and with `effect`.
-    pub(super) fn compare(&mut self, base: EffectSet, effect: Effect) -> anyhow::Result<Comparison> {
-        if (base.contains(Effect::Fresnel) || effect == Effect::Fresnel) && self.fresnel.is_none() {
-            self.fit_fresnel(base.without(Effect::Fresnel))?;
-        }
+    pub(super) fn compare(
+        &mut self,
+        base: EffectSet,
+        effect: Effect,
+    ) -> anyhow::Result<Comparison> {
+        self.fit(base, effect)?;
         let with = base.with(effect);
         if self.blocks.is_some() {
             let off = self.held_errors(base)?;
@@ -180,6 +195,25 @@ impl Trial {
             l1_off: self.fitted_error(base)?,
             l1_on: self.fitted_error(with)?,
         }))
+    }
+
+    /// Finds the parameters of `effect` beside those of `base`, where they are not known yet.
+    pub(super) fn fit(&mut self, base: EffectSet, effect: Effect) -> anyhow::Result<()> {
+        match effect {
+            Effect::Fresnel if self.fresnel.is_none() => self.fit_fresnel(base),
+            Effect::FirstBounce if self.bounce_gains.is_none() => {
+                self.fit_bounce_gains(base.with(effect))
+            }
+            Effect::Visibility
+            | Effect::FirstBounce
+            | Effect::FirstBounceSpecular
+            | Effect::Fresnel
+            | Effect::Vignetting
+            | Effect::Response
+            | Effect::Saturation
+            | Effect::Noise
+            | Effect::PoseRefinement => Ok(()),
+        }
     }
 
     fn fitted_error(&mut self, set: EffectSet) -> anyhow::Result<f64> {
@@ -294,7 +328,10 @@ impl Trial {
                 shown = color.low;
             }
             if set.contains(Effect::FirstBounce) {
-                composed.known = shown.map(|value| value * GAIN * factor);
+                let gains = self.bounce_gains.as_ref();
+                let share = gains.and_then(|gains| gains.get(&row.base.segment));
+                let gain = GAIN * factor * share.map_or(1.0, |share| *share as f32);
+                composed.known = shown.map(|value| value * gain);
             }
         }
         composed.taps = composed.taps.map(|tap| tap * factor);
@@ -343,6 +380,45 @@ impl Trial {
         Ok(())
     }
 
+    /// Finds what each segment reflects of its first bounces: steps along the slope of the residual on them.
+    fn fit_bounce_gains(&mut self, set: EffectSet) -> anyhow::Result<()> {
+        let mut gains: BTreeMap<u16, f64> = self
+            .rows
+            .iter()
+            .map(|row| (row.base.segment, 1.0))
+            .collect();
+        for _ in 0..BOUNCE_STEPS {
+            self.bounce_gains = Some(gains.clone());
+            for (segment, slope) in self.bounce_slopes(set)? {
+                let gain = gains.entry(segment).or_insert(1.0);
+                *gain = (*gain + slope).clamp(0.0, LARGEST_BOUNCE_GAIN);
+            }
+        }
+        self.bounce_gains = Some(gains);
+        Ok(())
+    }
+
+    /// Slope of the residual of each segment on what its first bounces show, over blocked rows.
+    fn bounce_slopes(&self, set: EffectSet) -> anyhow::Result<BTreeMap<u16, f64>> {
+        let rows: Rows = self
+            .rows
+            .iter()
+            .map(|row| self.composed(row, set, self.fresnel.as_ref()))
+            .collect();
+        anyhow::ensure!(rows.len() == self.rows.len(), "a survey row is not finite");
+        let problem = Problem::new(rows, self.cell_count, self.panorama)?;
+        let solution = problem.solve(&self.settings(problem.rows().len()));
+        let mut slopes = Slopes::default();
+        for (row, composed) in self.rows.iter().zip(problem.rows().iter()) {
+            if let Some(color) = row.bounce.filter(|_| composed.clipped == 0) {
+                let r = residual(&problem, composed, &solution.unknowns);
+                let x = f64::from(GAIN) * luminance(color.median.map(f64::from));
+                slopes.add(composed, x, r);
+            }
+        }
+        Ok(slopes.by_segment())
+    }
+
     /// Mean of (1 − cos α)⁵ of every segment.
     fn mean_rises(&self) -> BTreeMap<u16, f64> {
         let mut sums: BTreeMap<u16, (f64, f64)> = BTreeMap::new();
@@ -372,8 +448,7 @@ impl Trial {
         let solution = problem.solve(&self.settings(problem.rows().len()));
         let mut error = 0.0;
         let mut count = 0.0;
-        // Within cells: each has a D of its own, which takes up the mean.
-        let mut moments: BTreeMap<(u16, u32), [f64; 5]> = BTreeMap::new();
+        let mut slopes = Slopes::default();
         for (row, composed) in self.rows.iter().zip(problem.rows().iter()) {
             if composed.clipped != 0 {
                 continue;
@@ -388,26 +463,45 @@ impl Trial {
                 / f64::from(fit.factor(row.cosine))
                 / fit.mean;
             let x = without_rise * rise(f64::from(row.cosine));
-            let weight = 1.0 / (1.0 + (r / 0.03).powi(2)).sqrt();
-            let sums = moments
-                .entry((composed.segment, composed.vertices[0]))
-                .or_default();
-            for (sum, value) in sums.iter_mut().zip([1.0, x, r, x * x, x * r]) {
-                *sum += weight * value;
-            }
+            slopes.add(composed, x, r);
         }
+        Ok((error / f64::max(count, 1.0), slopes.by_segment()))
+    }
+}
+
+/// Slopes of residuals on something, a segment; within cells, each of which has a D of its own that takes up the mean.
+#[derive(Default)]
+struct Slopes {
+    /// Weight, x, r, x², xr.
+    moments: BTreeMap<(u16, u32), [f64; 5]>,
+}
+
+impl Slopes {
+    fn add(&mut self, row: &Row, x: f64, r: f64) {
+        let scale = JointSettings::default().residual_scale;
+        let weight = 1.0 / (1.0 + (r / scale).powi(2)).sqrt();
+        let sums = self
+            .moments
+            .entry((row.segment, row.vertices[0]))
+            .or_default();
+        for (sum, value) in sums.iter_mut().zip([1.0, x, r, x * x, x * r]) {
+            *sum += weight * value;
+        }
+    }
+
+    fn by_segment(self) -> BTreeMap<u16, f64> {
         let mut pooled: BTreeMap<u16, (f64, f64)> = BTreeMap::new();
-        for ((segment, _), [weight, x, r, xx, xr]) in moments {
+        for ((segment, _), [weight, x, r, xx, xr]) in self.moments {
             let sums = pooled.entry(segment).or_default();
             sums.0 += xr - x * r / weight;
             sums.1 += xx - x * x / weight;
         }
-        let slopes = pooled
+        let known = pooled
             .into_iter()
-            .filter(|(_, (_, variance))| *variance > 1e-9)
+            .filter(|(_, (_, variance))| *variance > 1e-9);
+        known
             .map(|(segment, (covariance, variance))| (segment, covariance / variance))
-            .collect();
-        Ok((error / f64::max(count, 1.0), slopes))
+            .collect()
     }
 }
 
@@ -431,28 +525,28 @@ fn reflected(problem: &Problem, row: &Row, unknowns: &[[f64; 3]]) -> f64 {
     luminance(sum)
 }
 
-/// Colours of the triangles that first bounces meet.
+/// Colours of the vertices that first bounces meet.
 fn bounce_colors(
     views: &SurveyViews,
     surface: &Surface,
     picked: &[(usize, &SurveyPixel)],
 ) -> BTreeMap<u32, BounceColor> {
     let width = views.camera.width() as usize;
-    let mut triangles: Vec<u32> = picked
+    let mut vertices: Vec<u32> = picked
         .iter()
-        .filter_map(|(_, pixel)| pixel.bounce.map(|bounce| bounce.triangle))
+        .filter_map(|(_, pixel)| pixel.bounce)
+        .flat_map(|bounce| surface.triangles[bounce.triangle as usize])
         .collect();
-    triangles.sort_unstable();
-    triangles.dedup();
-    let colors: Vec<BounceColor> = triangles
+    vertices.sort_unstable();
+    vertices.dedup();
+    let colors: Vec<BounceColor> = vertices
         .par_iter()
-        .map(|&triangle| {
-            let vertex = surface.triangles[triangle as usize][0] as usize;
+        .map(|&vertex| {
             let seen: Vec<[f32; 3]> = views
                 .views
                 .iter()
                 .filter_map(|view| {
-                    let at = views.place(view, surface, vertex)?;
+                    let at = views.place(view, surface, vertex as usize)?;
                     bilinear(&view.color, width, at, |color| color)
                 })
                 .collect();
@@ -469,5 +563,22 @@ fn bounce_colors(
             }
         })
         .collect();
-    triangles.into_iter().zip(colors).collect()
+    vertices.into_iter().zip(colors).collect()
+}
+
+/// The colour of a first bounce between its vertices.
+fn bounce_color(
+    colors: &BTreeMap<u32, BounceColor>,
+    surface: &Surface,
+    bounce: &Hit,
+) -> Option<BounceColor> {
+    let [a, b, c] = surface.triangles[bounce.triangle as usize];
+    let (a, b, c) = (colors.get(&a)?, colors.get(&b)?, colors.get(&c)?);
+    let mix = |a: [f32; 3], b: [f32; 3], c: [f32; 3]| {
+        [0, 1, 2].map(|i| a[i] * (1.0 - bounce.u - bounce.v) + b[i] * bounce.u + c[i] * bounce.v)
+    };
+    Some(BounceColor {
+        median: mix(a.median, b.median, c.median),
+        low: mix(a.low, b.low, c.low),
+    })
 }

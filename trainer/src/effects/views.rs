@@ -256,7 +256,12 @@ fn is_inside(buffer: &VisibilityBuffer, surface: &Surface, index: usize) -> bool
 
 impl SurveyViews {
     /// Where a vertex is seen in a view, pixels; `None` where something is in front of it or it looks away.
-    pub(super) fn place(&self, view: &SurveyView, surface: &Surface, vertex: usize) -> Option<DVec2> {
+    pub(super) fn place(
+        &self,
+        view: &SurveyView,
+        surface: &Surface,
+        vertex: usize,
+    ) -> Option<DVec2> {
         let position = surface.positions[vertex];
         let eye = view.surface_from_color.translation().as_vec3();
         let outgoing = (eye - position).try_normalize()?;
