@@ -58,7 +58,7 @@ struct Seen {
     /// Luminance of its first bounce.
     bounce: Option<f64>,
     mirrors_again: bool,
-    is_saturated: bool,
+    clipped_share: f64,
     /// Factor of the lens.
     lens: f64,
     level: f64,
@@ -104,7 +104,7 @@ pub(super) fn bounds(
     let second = share(&|pixel| pixel.mirrors_again);
     Bounds {
         hit_fraction: share(&|pixel| pixel.bounce.is_some()),
-        saturated_fraction: share(&|pixel| pixel.is_saturated),
+        saturated_fraction: mean(&|pixel| pixel.clipped_share),
         mask_fraction: seen.len() as f64 / pixel_count.max(1) as f64,
         sigma: mean(&sigma),
         noise_ratio: quantile(&sigma, 0.95) / quantile(&sigma, 0.05).max(f64::MIN_POSITIVE),
@@ -159,7 +159,7 @@ fn seen(
                 cosine: f64::from(pixel.cosine),
                 bounce,
                 mirrors_again: pixel.second.is_some(),
-                is_saturated: pixel.is_saturated,
+                clipped_share: f64::from(pixel.clipped_share),
                 lens: vignetting.factor(u, v),
                 level,
             })

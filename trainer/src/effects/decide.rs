@@ -3,14 +3,14 @@
 use effects::record::FILE_VERSION;
 use effects::selection::{Candidate, Selection, audit_warning, needs_audit, select};
 use effects::survey::{CODES, L1_OF_SIGMA};
-use effects::verdict::{by_bound, by_condition};
 use effects::{
-    BlockPlan, DecidedBy, Decision, Effect, EffectCost, EffectRecord, EffectRequests, EffectSet,
-    EffectsFile, Gate, Habit, ProbeFigures, Rule, SurveyNumbers, Verdict, probe,
+    BlockPlan, DecidedBy, Decision, Effect, EffectRecord, EffectRequests, EffectSet, EffectsFile,
+    Gate, Habit, ProbeFigures, Rule, SurveyNumbers, Verdict, probe,
 };
 use sequence::Recording;
 
 use super::bounds::{Bounds, bounds};
+use super::evidence::first_record;
 use super::noise::NoiseCurve;
 use super::shifts::{Misregistration, misregistration};
 use super::texture::{Texture, gate, level_gains};
@@ -25,18 +25,6 @@ use crate::stages::poses::PosedFrame;
 
 /// Name of the file inside a run folder.
 pub const EFFECTS_FILE: &str = "effects.json";
-/// Share of clipped pixels from which they are bounds instead of values.
-const SATURATED_ABOVE: f64 = 1e-4;
-/// Ratio of noise between bright and dark from which rows are weighted, less one.
-const NOISE_RATIO_ABOVE: f64 = 0.5;
-/// Blocked share of Ω below which nothing is in the way.
-const LEAST_HITS: f64 = 1e-3;
-/// Core-seconds of one mirrored ray in a fused mesh, measured on a 2.5 GHz x86 core; only predicts.
-const RAY_SECONDS: f64 = 1.2e-6;
-/// Core-seconds of one factor or weight of a row.
-const FACTOR_SECONDS: f64 = 2e-8;
-/// Core-seconds that refinement takes a frame.
-const REFINEMENT_SECONDS: f64 = 0.4;
 
 /// What decides besides the images.
 #[derive(Clone, Copy)]
@@ -96,12 +84,12 @@ impl Decided {
 }
 
 /// What the survey measured.
-struct Survey {
-    views: SurveyViews,
-    noise: NoiseCurve,
-    bounds: Bounds,
-    misregistration: Misregistration,
-    gate: Gate,
+pub(super) struct Survey {
+    pub(super) views: SurveyViews,
+    pub(super) noise: NoiseCurve,
+    pub(super) bounds: Bounds,
+    pub(super) misregistration: Misregistration,
+    pub(super) gate: Gate,
 }
 
 /// Surveys the frames and decides.
@@ -132,7 +120,7 @@ pub fn decide(
         .map(|effect| first_record(effect, &survey, &rule, request, is_specular))
         .collect();
     let mut interactions = Vec::new();
-    let (mut fresnel, mut bounce_gains) = (None, None);
+    let mut fresnel = None;
     let mut contradictions = Vec::new();
     if is_specular && let Some(mut trial) = Trial::new(&survey.views, surface) {
         let chosen = probed(
@@ -148,7 +136,6 @@ pub fn decide(
             contradictions = audit(&mut trial, &rule, &records)?;
         }
         fresnel = trial.fresnel().cloned();
-        bounce_gains = trial.bounce_gains().cloned();
     }
     settle(&mut records, request.requests);
     let file = EffectsFile {
@@ -165,7 +152,6 @@ pub fn decide(
             is_specular,
             noise: survey.noise,
             fresnel: fresnel.unwrap_or_default(),
-            bounce_gains: bounce_gains.unwrap_or_default(),
         },
         wants_refinement: refines && request.refinement.is_none(),
         file,
@@ -235,126 +221,6 @@ fn numbers(survey: &Survey, request: &Request<'_>) -> SurveyNumbers {
     }
 }
 
-fn previous_verdict(request: &Request<'_>, effect: Effect) -> Option<Verdict> {
-    let record = request.previous?.of(effect)?;
-    // A verdict that was typed says nothing about the scene.
-    (record.by != DecidedBy::Forced).then_some(record.verdict)
-}
-
-/// The most that an effect can change; `None` where there is no such number.
-fn bound_of(effect: Effect, survey: &Survey) -> Option<f64> {
-    let bounds = &survey.bounds;
-    match effect {
-        Effect::Visibility => Some(bounds.visibility),
-        Effect::FirstBounce => Some(bounds.first_bounce),
-        Effect::FirstBounceSpecular => Some(bounds.first_bounce_specular),
-        Effect::Fresnel => Some(bounds.fresnel),
-        Effect::Vignetting => Some(bounds.vignetting),
-        Effect::Response => Some(bounds.response),
-        Effect::PoseRefinement => Some(CODES * bounds.gradient * survey.misregistration.rigid_px),
-        Effect::Saturation | Effect::Noise => None,
-    }
-}
-
-fn cost_of(effect: Effect, survey: &Survey, request: &Request<'_>) -> EffectCost {
-    let bounds = &survey.bounds;
-    let size = &survey.views.camera;
-    let scale = PIXELS_PER_SIDE_OF_SURVEY / f64::from(request.stride.max(1));
-    let pixels = f64::from(size.width() * size.height()) * scale * scale;
-    let frames = survey.views.frame_count;
-    let object = bounds.mask_fraction * pixels * frames as f64;
-    let blocked = bounds.hit_fraction * object;
-    let seconds = match effect {
-        Effect::Visibility => object * RAY_SECONDS,
-        Effect::FirstBounce => blocked * RAY_SECONDS,
-        Effect::FirstBounceSpecular => blocked * RAY_SECONDS,
-        Effect::Fresnel | Effect::Noise => object * FACTOR_SECONDS,
-        Effect::Vignetting | Effect::Response | Effect::Saturation => 0.0,
-        Effect::PoseRefinement => frames as f64 * REFINEMENT_SECONDS,
-    };
-    EffectCost::predicted(seconds, frames)
-}
-
-/// Photograph's pixels per survey pixel on a side: VGA over 160 columns.
-const PIXELS_PER_SIDE_OF_SURVEY: f64 = 4.0;
-
-/// What is known of an effect before any comparison. Effects that a comparison must decide are off by survey.
-fn first_record(
-    effect: Effect,
-    survey: &Survey,
-    rule: &Rule,
-    request: &Request<'_>,
-    is_specular: bool,
-) -> EffectRecord {
-    let previous = previous_verdict(request, effect);
-    let bound = bound_of(effect, survey);
-    let (decision, note) = if effect.is_specular() && !is_specular {
-        let Gate {
-            eskew_codes,
-            etile_codes,
-        } = survey.gate;
-        let note = format!(
-            "view dependence {eskew_codes:.2} and {etile_codes:.2} codes, as of a matte surface"
-        );
-        (Decision::off(DecidedBy::Gate), note)
-    } else {
-        let decided = bound.and_then(|bound| by_bound(bound, rule, previous));
-        match effect {
-            Effect::Saturation => {
-                let share = survey.bounds.saturated_fraction;
-                let note = format!("{:.3} % of the object's pixels are clipped", 100.0 * share);
-                (by_condition(share, SATURATED_ABOVE, previous), note)
-            }
-            Effect::Noise => {
-                let ratio = survey.bounds.noise_ratio;
-                let note = format!("noise of bright pixels is {ratio:.2} times that of dark ones");
-                (by_condition(ratio - 1.0, NOISE_RATIO_ABOVE, previous), note)
-            }
-            Effect::Visibility if survey.bounds.hit_fraction < LEAST_HITS => (
-                Decision::off(DecidedBy::Bound),
-                "no mirrored ray meets the surface again".to_owned(),
-            ),
-            Effect::PoseRefinement => pose_decision(decided, request),
-            Effect::Vignetting | Effect::Response => {
-                let note = String::new();
-                (decided.unwrap_or(Decision::on(DecidedBy::Bound)), note)
-            }
-            Effect::Visibility
-            | Effect::FirstBounce
-            | Effect::FirstBounceSpecular
-            | Effect::Fresnel => (
-                decided.unwrap_or(Decision::off(DecidedBy::Survey)),
-                String::new(),
-            ),
-        }
-    };
-    EffectRecord {
-        requested: request.requests.of(effect),
-        bound_codes: bound,
-        off_below_codes: bound.map(|_| rule.off_below()),
-        cost: cost_of(effect, survey, request),
-        previous,
-        note,
-        ..EffectRecord::new(effect, decision.verdict, decision.by)
-    }
-}
-
-/// Refinement is its own probe: what it did decides once it ran.
-fn pose_decision(decided: Option<Decision>, request: &Request<'_>) -> (Decision, String) {
-    match (request.refinement, decided) {
-        (Some(summary), _) => {
-            let verdict = if summary.is_used {
-                Decision::on(DecidedBy::Probe)
-            } else {
-                Decision::off(DecidedBy::Probe)
-            };
-            (verdict, summary.reason.clone())
-        }
-        (None, Some(decision)) => (decision, String::new()),
-        (None, None) => (Decision::on(DecidedBy::Bound), String::new()),
-    }
-}
-
 /// Whether a comparison must still decide an effect.
 fn is_open(record: &EffectRecord) -> bool {
     record.id.is_specular()
@@ -413,10 +279,8 @@ fn probed(
         trial.compare(base, effect)
     })?;
     // What is asked for was not compared, but its parameters are wanted.
-    for effect in [Effect::FirstBounce, Effect::Fresnel] {
-        if start.contains(effect) {
-            trial.fit(start, effect)?;
-        }
+    if start.contains(Effect::Fresnel) {
+        trial.fit(start.without(Effect::Fresnel))?;
     }
     for judged in &selection.judged {
         if let Some(record) = records.iter_mut().find(|record| record.id == judged.effect) {

@@ -2,12 +2,14 @@
 //!
 //! [`views`] what the survey sees · [`texture`] what it shows from all sides · [`shifts`] how far views are off ·
 //! [`noise`] of the photographs · [`bounds`] what each effect can change at most · [`trial`] a small solve with or
-//! without an effect · [`fresnel`] how reflectance rises · [`decide`] the verdicts and their file.
+//! without an effect · [`fresnel`] how reflectance rises · [`evidence`] what that says of each
+//! effect · [`decide`] the verdicts and their file.
 //!
 //! Everything here reads training frames only, and gives the same bits for any number of threads.
 
 mod bounds;
 mod decide;
+mod evidence;
 mod fresnel;
 mod noise;
 mod shifts;
@@ -34,8 +36,6 @@ pub struct EffectPlan {
     pub noise: NoiseCurve,
     /// Rise of the reflectance of every segment that has one.
     pub fresnel: BTreeMap<u16, FresnelFit>,
-    /// What segments reflect of their first bounces over the common gain; 1 where it is not measured.
-    pub bounce_gains: BTreeMap<u16, f64>,
 }
 
 impl EffectPlan {
@@ -46,15 +46,7 @@ impl EffectPlan {
             is_specular: true,
             noise: NoiseCurve::of(Vec::new()),
             fresnel: BTreeMap::new(),
-            bounce_gains: BTreeMap::new(),
         }
-    }
-
-    /// What a segment reflects of its first bounces over the common gain.
-    pub fn bounce_gain(&self, segment: u16) -> f32 {
-        self.bounce_gains
-            .get(&segment)
-            .map_or(1.0, |&gain| gain as f32)
     }
 
     /// The rise of a segment's reflectance; `None` where it is not computed.

@@ -38,8 +38,8 @@ pub(super) struct SurveyPixel {
     pub second: Option<Vec3>,
     /// Segment.
     pub segment: u16,
-    /// Whether any of its photograph's pixels is clipped.
-    pub is_saturated: bool,
+    /// Share of its photograph's pixels that are clipped.
+    pub clipped_share: f32,
 }
 
 /// One picture of the survey.
@@ -165,9 +165,9 @@ fn one_view(
     let mut saturated = Vec::with_capacity(color.capacity());
     for y in 0..height {
         for x in 0..width {
-            let (mean, is_saturated) = block_mean(radiance, x * block, y * block, block);
+            let (mean, clipped) = block_mean(radiance, x * block, y * block, block);
             color.push(mean);
-            saturated.push(is_saturated);
+            saturated.push(clipped);
         }
     }
     let eye = pose.translation().as_vec3();
@@ -197,7 +197,7 @@ fn one_view(
             bounce,
             second,
             segment,
-            is_saturated: saturated[index],
+            clipped_share: saturated[index],
         });
     }
     SurveyView {
@@ -214,23 +214,26 @@ fn one_view(
     }
 }
 
-/// Mean radiance of a block of pixels (NaN where one is invalid) and whether any is clipped.
-fn block_mean(radiance: &Radiance, left: u32, top: u32, block: u32) -> ([f32; 3], bool) {
+/// Mean radiance of a block of pixels (NaN where one is invalid) and the share that is clipped.
+fn block_mean(radiance: &Radiance, left: u32, top: u32, block: u32) -> ([f32; 3], f32) {
     let mut sum = [0.0_f64; 3];
-    let mut is_saturated = false;
+    let mut clipped = 0.0;
     for y in top..top + block {
         for x in left..left + block {
             if radiance.invalid.at(x, y) {
-                return ([f32::NAN; 3], false);
+                return ([f32::NAN; 3], 0.0);
             }
-            is_saturated |= radiance.saturated.at(x, y);
+            clipped += f64::from(u8::from(radiance.saturated.at(x, y)));
             for (sum, value) in sum.iter_mut().zip(radiance.linear.at(x, y)) {
                 *sum += f64::from(value);
             }
         }
     }
     let count = f64::from(block * block);
-    (sum.map(|value| (value / count) as f32), is_saturated)
+    (
+        sum.map(|value| (value / count) as f32),
+        (clipped / count) as f32,
+    )
 }
 
 /// Whether the four neighbours see the same segment without a jump in depth.
