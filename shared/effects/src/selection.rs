@@ -32,7 +32,7 @@ pub struct Judged {
 pub struct Selection {
     /// A verdict for every candidate, in the order in which they were tried.
     pub judged: Vec<Judged>,
-    /// Pairs of which the second was removed once the first was in.
+    /// Pairs that were judged together: both needed, or the second needless once the first was in.
     pub interactions: Vec<[Effect; 2]>,
 }
 
@@ -58,7 +58,10 @@ pub fn ordered(candidates: &[Candidate]) -> Vec<Candidate> {
 }
 
 /// Tries the candidates in order, each on top of `start` and what is already on, then tries to remove each once.
-/// `compare(base, effect)` gives the errors of `base` without and with `effect`; `base` never holds the effect.
+/// `compare(base, added)` gives the errors of `base` without and with `added`, of which `base` holds nothing.
+///
+/// An effect that does not pay on its own is tried once more together with one that needs it: a blocked ray that shows
+/// nothing can be worse than one that shows the room, while one that shows what it meets is better than both.
 ///
 /// # Errors
 /// Those of `compare`.
@@ -66,11 +69,12 @@ pub fn select<E>(
     candidates: &[Candidate],
     start: EffectSet,
     rule: &Rule,
-    compare: &mut dyn FnMut(EffectSet, Effect) -> Result<Comparison, E>,
+    compare: &mut dyn FnMut(EffectSet, EffectSet) -> Result<Comparison, E>,
 ) -> Result<Selection, E> {
     let order = ordered(candidates);
     let mut on = start;
     let mut judged: Vec<Judged> = Vec::with_capacity(order.len());
+    let mut interactions = Vec::new();
     let mut last_added = None;
     for (position, candidate) in order.iter().enumerate() {
         let effect = candidate.effect;
@@ -85,8 +89,22 @@ pub fn select<E>(
             });
             continue;
         }
-        let figures = ProbeFigures::of(&compare(on, effect)?);
-        let decision = by_probe(&figures, rule, candidate.previous);
+        let alone = EffectSet::NONE.with(effect);
+        let mut figures = ProbeFigures::of(&compare(on, alone)?);
+        let mut decision = by_probe(&figures, rule, candidate.previous);
+        let partner = order[position + 1..]
+            .iter()
+            .find(|other| other.effect.needed_effect() == Some(effect));
+        if decision.verdict == Verdict::Off
+            && let Some(partner) = partner
+        {
+            let together = ProbeFigures::of(&compare(on, alone.with(partner.effect))?);
+            let joint = by_probe(&together, rule, candidate.previous);
+            if joint.verdict == Verdict::On {
+                (figures, decision) = (together, joint);
+                interactions.push([effect, partner.effect]);
+            }
+        }
         if decision.verdict == Verdict::On {
             on = on.with(effect);
             last_added = Some((position, effect));
@@ -97,7 +115,6 @@ pub fn select<E>(
             figures: Some(figures),
         });
     }
-    let mut interactions = Vec::new();
     let Some((last_position, last)) = last_added else {
         return Ok(Selection {
             judged,
@@ -111,7 +128,7 @@ pub fn select<E>(
         if !on.contains(effect) || start.contains(effect) || carries {
             continue;
         }
-        let figures = ProbeFigures::of(&compare(on.without(effect), effect)?);
+        let figures = ProbeFigures::of(&compare(on.without(effect), EffectSet::NONE.with(effect))?);
         let decision = by_probe(&figures, rule, Some(Verdict::On));
         if decision.verdict == Verdict::Off {
             on = on.without(effect);

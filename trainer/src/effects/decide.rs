@@ -1,5 +1,7 @@
 //! From survey to verdicts, `effects.json` and the plan that the stages follow.
 
+use std::collections::BTreeMap;
+
 use effects::record::FILE_VERSION;
 use effects::selection::{Candidate, Selection, audit_warning, needs_audit, select};
 use effects::survey::{CODES, L1_OF_SIGMA};
@@ -25,6 +27,9 @@ use crate::stages::poses::PosedFrame;
 
 /// Name of the file inside a run folder.
 pub const EFFECTS_FILE: &str = "effects.json";
+
+/// Change of a view's gain from which the surface's look is read again.
+const LEAST_GAIN_CHANGE: f64 = 0.01;
 
 /// What decides besides the images.
 #[derive(Clone, Copy)]
@@ -121,6 +126,7 @@ pub fn decide(
         .collect();
     let mut interactions = Vec::new();
     let mut fresnel = None;
+    let mut bounce_gains = BTreeMap::new();
     let mut contradictions = Vec::new();
     if is_specular && let Some(mut trial) = Trial::new(&survey.views, surface) {
         let chosen = probed(
@@ -136,6 +142,7 @@ pub fn decide(
             contradictions = audit(&mut trial, &rule, &records)?;
         }
         fresnel = trial.fresnel().cloned();
+        bounce_gains = trial.bounce_gains().clone();
     }
     settle(&mut records, request.requests);
     let file = EffectsFile {
@@ -152,6 +159,7 @@ pub fn decide(
             is_specular,
             noise: survey.noise,
             fresnel: fresnel.unwrap_or_default(),
+            bounce_gains,
         },
         wants_refinement: refines && request.refinement.is_none(),
         file,
@@ -171,8 +179,12 @@ fn survey(
     };
     let noise = NoiseCurve::of(views.views.iter().flat_map(|v| v.noise.clone()).collect());
     let texture = Texture::of(&views, surface);
-    level_gains(&mut views, surface, &texture);
-    let texture = Texture::of(&views, surface);
+    let largest = level_gains(&mut views, surface, &texture);
+    let texture = if largest > LEAST_GAIN_CHANGE {
+        Texture::of(&views, surface)
+    } else {
+        texture
+    };
     let misregistration = misregistration(&views, surface, &texture);
     let bounds = bounds(recording, &views, surface, &texture, &noise);
     // A survey pixel is the mean of a block of the photograph's.
@@ -275,8 +287,8 @@ fn probed(
         numbers.blocks = blocks.as_ref().map_or(0, |plan| plan.blocks.len());
         trial.hold_out(blocks);
     }
-    let selection = select(&candidates, start, rule, &mut |base, effect| {
-        trial.compare(base, effect)
+    let selection = select(&candidates, start, rule, &mut |base, added| {
+        trial.compare(base, added)
     })?;
     // What is asked for was not compared, but its parameters are wanted.
     if start.contains(Effect::Fresnel) {
@@ -313,7 +325,8 @@ fn audit(trial: &mut Trial, rule: &Rule, records: &[EffectRecord]) -> anyhow::Re
             .needed_effect()
             .is_none_or(|needed| computed.contains(needed));
         if stands && needs_audit(decision, bound, rule) {
-            let figures = ProbeFigures::of(&trial.compare(computed, record.id)?);
+            let figures =
+                ProbeFigures::of(&trial.compare(computed, EffectSet::NONE.with(record.id))?);
             found.extend(audit_warning(record.id, bound, &figures));
         }
     }

@@ -36,6 +36,8 @@ pub struct EffectPlan {
     pub noise: NoiseCurve,
     /// Rise of the reflectance of every segment that has one.
     pub fresnel: BTreeMap<u16, FresnelFit>,
+    /// What segments reflect of their first bounces over the common gain, as the survey found it.
+    pub bounce_gains: BTreeMap<u16, f32>,
 }
 
 impl EffectPlan {
@@ -46,7 +48,15 @@ impl EffectPlan {
             is_specular: true,
             noise: NoiseCurve::of(Vec::new()),
             fresnel: BTreeMap::new(),
+            bounce_gains: BTreeMap::new(),
         }
+    }
+
+    /// What a segment reflects of its first bounces over the common gain. Blur and unsure normals draw what the survey
+    /// finds towards 0, so that only more than 1 is believed.
+    pub fn bounce_gain(&self, segment: u16) -> f32 {
+        let found = self.bounce_gains.get(&segment);
+        found.map_or(1.0, |gain| gain.max(1.0))
     }
 
     /// The rise of a segment's reflectance; `None` where it is not computed.

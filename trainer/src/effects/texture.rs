@@ -27,10 +27,11 @@ pub(super) struct Texture {
 /// Luminance of every vertex in a view; NaN where it is not seen.
 fn seen(views: &SurveyViews, view: &SurveyView, surface: &Surface) -> Vec<f32> {
     let width = views.camera.width() as usize;
+    let color_from_surface = view.surface_from_color.inverse();
     (0..surface.positions.len())
         .map(|vertex| {
             views
-                .place(view, surface, vertex)
+                .place(view, &color_from_surface, surface, vertex)
                 .and_then(|at| bilinear(&view.grey, width, at, |value| [value]))
                 .map_or(f32::NAN, |[value]| value)
         })
@@ -113,24 +114,30 @@ pub(super) fn gradient(picture: &[f32], width: usize) -> Vec<[f32; 2]> {
 }
 
 /// Takes the gain of every view out of its grey picture: the median of what it shows over what the surface shows from
-/// all sides. Both auto exposure and a residue of the lens look like a broad lobe.
-pub(super) fn level_gains(views: &mut SurveyViews, surface: &Surface, texture: &Texture) {
-    views.views.par_iter_mut().for_each(|view| {
-        let expected = drawn(view, surface, &texture.median);
-        let mut ratios: Vec<f64> = view
-            .grey
-            .iter()
-            .zip(&expected)
-            .filter(|(seen, expected)| **expected > LEAST_GREY && seen.is_finite())
-            .map(|(seen, expected)| f64::from(seen / expected))
-            .collect();
-        let gain = robust::median(&mut ratios).unwrap_or(1.0);
-        if gain > 0.0 {
-            for value in &mut view.grey {
-                *value /= gain as f32;
+/// all sides. Both auto exposure and a residue of the lens look like a broad lobe. Returns the largest change.
+pub(super) fn level_gains(views: &mut SurveyViews, surface: &Surface, texture: &Texture) -> f64 {
+    let changes: Vec<f64> = views
+        .views
+        .par_iter_mut()
+        .map(|view| {
+            let expected = drawn(view, surface, &texture.median);
+            let mut ratios: Vec<f64> = view
+                .grey
+                .iter()
+                .zip(&expected)
+                .filter(|(seen, expected)| **expected > LEAST_GREY && seen.is_finite())
+                .map(|(seen, expected)| f64::from(seen / expected))
+                .collect();
+            let gain = robust::median(&mut ratios).unwrap_or(1.0);
+            if gain > 0.0 {
+                for value in &mut view.grey {
+                    *value /= gain as f32;
+                }
             }
-        }
-    });
+            (gain - 1.0).abs()
+        })
+        .collect();
+    changes.into_iter().fold(0.0, f64::max)
 }
 
 /// The gate over the object's pixels. `sigma`: noise of a survey pixel; `delta_px`: misregistration.

@@ -171,13 +171,15 @@ fn one_view(
         }
     }
     let eye = pose.translation().as_vec3();
+    // Without an object the whole surface is looked at: its camera has effects all the same.
+    let has_object = surface.vertex_segment.iter().any(|&segment| segment != 0);
     let mut pixels = Vec::new();
     for index in 0..color.len() {
         if !color[index][0].is_finite() || !is_inside(&buffer, surface, index) {
             continue;
         }
         let segment = surface.segment(buffer.triangle[index]);
-        let Some(hit) = hit_at(&buffer, index).filter(|_| segment != 0) else {
+        let Some(hit) = hit_at(&buffer, index).filter(|_| segment != 0 || !has_object) else {
             continue;
         };
         let Some(mirrored) = surface.mirror_ray(&hit, eye, LEAST_COSINE) else {
@@ -262,6 +264,7 @@ impl SurveyViews {
     pub(super) fn place(
         &self,
         view: &SurveyView,
+        color_from_surface: &Pose,
         surface: &Surface,
         vertex: usize,
     ) -> Option<DVec2> {
@@ -271,10 +274,7 @@ impl SurveyViews {
         if surface.normals[vertex].dot(outgoing) < LEAST_COSINE {
             return None;
         }
-        let in_camera = view
-            .surface_from_color
-            .inverse()
-            .transform_point(position.as_dvec3());
+        let in_camera = color_from_surface.transform_point(position.as_dvec3());
         let pixel = self.camera.pixel_from_camera(in_camera)?;
         let (x, y) = self.camera.contains(pixel)?;
         let index = (y * self.camera.width() + x) as usize;

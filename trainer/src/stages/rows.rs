@@ -106,6 +106,7 @@ impl RowMaker<'_> {
             None => [0.0; 3],
             Some(bounce) => {
                 counters.taps_texture += 1;
+                let gain = gain * self.plan.bounce_gain(pixel.segment);
                 self.bounce_color(bounce, second.is_some())
                     .map(|value| value * gain)
             }

@@ -18,16 +18,16 @@ fn candidate(effect: Effect, bound_codes: f64, cost_s: f64) -> Candidate {
 /// A world in which the error of a set of effects is known.
 fn compare_by<'a>(
     error: impl Fn(EffectSet) -> f64 + 'a,
-) -> impl FnMut(EffectSet, Effect) -> Result<Comparison, ()> + 'a {
-    move |base, effect| {
-        assert!(!base.contains(effect));
+) -> impl FnMut(EffectSet, EffectSet) -> Result<Comparison, ()> + 'a {
+    move |base, added| {
+        assert!(added.iter().all(|effect| !base.contains(effect)));
         Ok(Comparison::Blocks(
             (0..10)
                 .map(|block| {
                     let noise = 0.001 * f64::from(block);
                     ErrorPair {
                         l1_off: error(base) + noise,
-                        l1_on: error(base.with(effect)),
+                        l1_on: error(added.iter().fold(base, EffectSet::with)),
                     }
                 })
                 .collect(),
@@ -88,6 +88,42 @@ fn what_gains_is_on_and_what_stands_on_nothing_off() {
         ]
     );
     assert_eq!(selection.judged[2].decision.by, DecidedBy::Need);
+}
+
+#[test]
+fn two_effects_that_only_pay_together_are_found() {
+    let error = |set: EffectSet| {
+        let (v, b) = (
+            set.contains(Effect::Visibility),
+            set.contains(Effect::FirstBounce),
+        );
+        match (v, b) {
+            (true, true) => 4.0,
+            (true, false) => 7.0,
+            (false, _) => 5.0,
+        }
+    };
+    let candidates = [
+        candidate(Effect::Visibility, 9.0, 1.0),
+        candidate(Effect::FirstBounce, 3.0, 1.0),
+    ];
+    let run = |candidates: &[Candidate]| {
+        select(candidates, EffectSet::NONE, &RULE, &mut compare_by(error)).unwrap()
+    };
+    let selection = run(&candidates);
+    assert!(
+        selection
+            .judged
+            .iter()
+            .all(|j| j.decision.verdict == Verdict::On)
+    );
+    assert_eq!(
+        selection.interactions,
+        [[Effect::Visibility, Effect::FirstBounce]]
+    );
+    // The bite: on its own the first one is off.
+    let alone = run(&candidates[..1]);
+    assert_eq!(alone.judged[0].decision.verdict, Verdict::Off);
 }
 
 #[test]

@@ -100,7 +100,8 @@ fn quantiles(views: &SurveyViews, surface: &Surface, vertex: usize) -> Option<[[
         .views
         .iter()
         .filter_map(|view| {
-            let at = views.place(view, surface, vertex)?;
+            let color_from_surface = view.surface_from_color.inverse();
+            let at = views.place(view, &color_from_surface, surface, vertex)?;
             bilinear(&view.color, width, at, |color| color)
         })
         .collect();

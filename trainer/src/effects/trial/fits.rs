@@ -15,7 +15,7 @@ const KAPPA_STEPS: usize = 4;
 /// S answers each step, so that a plain Newton step is too short.
 const KAPPA_RELAXATION: f64 = 1.5;
 /// Shares of the common gain at which segments may reflect their first bounces.
-const BOUNCE_GAINS: [f32; 4] = [0.25, 0.5, 1.0, 2.0];
+const BOUNCE_GAINS: [f32; 5] = [0.25, 0.5, 1.0, 2.0, 3.0];
 /// Segments whose share is refined.
 const MOST_BOUNCE_SEGMENTS: usize = 4;
 

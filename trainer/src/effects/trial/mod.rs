@@ -150,22 +150,27 @@ impl Trial {
             .collect())
     }
 
-    /// Errors of `base` without and with `effect`.
+    /// What segments reflect of their first bounces over the common gain, found when that was tried.
+    pub(super) fn bounce_gains(&self) -> &BTreeMap<u16, f32> {
+        &self.bounce_gains
+    }
+
+    /// Errors of `base` without and with `added`.
     pub(super) fn compare(
         &mut self,
         base: EffectSet,
-        effect: Effect,
+        added: EffectSet,
     ) -> anyhow::Result<Comparison> {
-        match effect {
-            Effect::Fresnel => self.fit(base)?,
-            Effect::FirstBounce if self.bounce_gains.is_empty() => {
-                self.fit_bounce_gains(base.with(effect))?;
-            }
-            _ => {}
+        let with = added.iter().fold(base, EffectSet::with);
+        if added.contains(Effect::Fresnel) {
+            self.fit(base)?;
         }
-        let (off, on) = (self.judged(base)?, self.judged(base.with(effect))?);
-        let off = self.mean_errors(effect, &off);
-        let on = self.mean_errors(effect, &on);
+        if added.contains(Effect::FirstBounce) && self.bounce_gains.is_empty() {
+            self.fit_bounce_gains(with)?;
+        }
+        let (off, on) = (self.judged(base)?, self.judged(with)?);
+        let off = self.mean_errors(added, &off);
+        let on = self.mean_errors(added, &on);
         let pairs = off
             .iter()
             .zip(&on)
@@ -238,8 +243,8 @@ impl Trial {
         }
     }
 
-    /// Mean error in codes of the rows that an effect is about: of each block, or of all as one.
-    fn mean_errors(&self, effect: Effect, residuals: &[(usize, f64)]) -> Vec<f64> {
+    /// Mean error in codes of the rows that effects are about: of each block, or of all as one.
+    fn mean_errors(&self, effects: EffectSet, residuals: &[(usize, f64)]) -> Vec<f64> {
         let block_of = |row: usize| match &self.blocks {
             None => Some(0),
             Some(plan) => plan.block_of(self.rows[row].base.frame as usize),
@@ -247,7 +252,9 @@ impl Trial {
         let count = self.blocks.as_ref().map_or(1, |plan| plan.blocks.len());
         let mut sums = vec![(0.0, 0.0); count];
         for &(row, residual) in residuals {
-            if let Some(block) = block_of(row).filter(|_| self.concerns(effect, row)) {
+            if let Some(block) =
+                block_of(row).filter(|_| effects.iter().any(|effect| self.concerns(effect, row)))
+            {
                 sums[block].0 += residual;
                 sums[block].1 += 1.0;
             }
