@@ -29,8 +29,10 @@ struct ColorSum {
     count: f64,
 }
 
-/// Colours of the surface that first bounces meet, blurred.
+/// Colours of the surface that first bounces meet.
 pub(super) struct BounceColors {
+    /// Median and lower decile of the vertices that some view sees.
+    vertices: BTreeMap<u32, [[f64; 3]; 2]>,
     cells: BTreeMap<[i64; 3], ColorSum>,
 }
 
@@ -48,7 +50,7 @@ impl BounceColors {
         let mut vertices: Vec<u32> = picked
             .iter()
             .filter_map(|(_, pixel)| pixel.bounce)
-            .map(|bounce| surface.triangles[bounce.triangle as usize][0])
+            .flat_map(|bounce| surface.triangles[bounce.triangle as usize])
             .collect();
         vertices.sort_unstable();
         vertices.dedup();
@@ -57,8 +59,12 @@ impl BounceColors {
             .map(|&vertex| quantiles(views, surface, vertex as usize))
             .collect();
         let mut cells: BTreeMap<[i64; 3], ColorSum> = BTreeMap::new();
-        for (&vertex, color) in vertices.iter().zip(colors) {
-            let Some([median, low]) = color else { continue };
+        let known: BTreeMap<u32, [[f64; 3]; 2]> = vertices
+            .into_iter()
+            .zip(colors)
+            .filter_map(|(vertex, color)| Some((vertex, color?)))
+            .collect();
+        for (&vertex, [median, low]) in &known {
             let position = surface.positions[vertex as usize];
             let sum = cells.entry(Self::key(position)).or_default();
             for c in 0..3 {
@@ -67,11 +73,35 @@ impl BounceColors {
             }
             sum.count += 1.0;
         }
-        Self { cells }
+        Self {
+            vertices: known,
+            cells,
+        }
+    }
+
+    /// The colour at a hit; that around it where no view sees its vertices.
+    pub(super) fn sharp(&self, surface: &Surface, bounce: &Hit) -> BounceColor {
+        let weights = [1.0 - bounce.u - bounce.v, bounce.u, bounce.v].map(f64::from);
+        let mut mixed = [[0.0; 3]; 2];
+        for (vertex, weight) in surface.triangles[bounce.triangle as usize]
+            .iter()
+            .zip(weights)
+        {
+            let Some(colors) = self.vertices.get(vertex) else {
+                return self.blurred(surface, bounce);
+            };
+            for (mixed, color) in mixed.iter_mut().zip(colors) {
+                for c in 0..3 {
+                    mixed[c] += weight * color[c];
+                }
+            }
+        }
+        let [median, low] = mixed.map(|color| color.map(|value| value as f32));
+        BounceColor { median, low }
     }
 
     /// The colour around a hit; black where no view sees anything there.
-    pub(super) fn at(&self, surface: &Surface, bounce: &Hit) -> BounceColor {
+    pub(super) fn blurred(&self, surface: &Surface, bounce: &Hit) -> BounceColor {
         let middle = Self::key(surface.interpolate(&surface.positions, bounce));
         let mut whole = ColorSum::default();
         for step in 0..27 {

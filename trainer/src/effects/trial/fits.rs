@@ -15,7 +15,7 @@ const KAPPA_STEPS: usize = 4;
 /// S answers each step, so that a plain Newton step is too short.
 const KAPPA_RELAXATION: f64 = 1.5;
 /// Shares of the common gain at which segments may reflect their first bounces.
-const BOUNCE_GAINS: [f32; 5] = [0.25, 0.5, 1.0, 2.0, 3.0];
+const BOUNCE_GAINS: [f32; 4] = [0.3, 0.6, 1.2, 3.0];
 /// Segments whose share is refined.
 const MOST_BOUNCE_SEGMENTS: usize = 4;
 
@@ -64,17 +64,27 @@ impl Trial {
         Ok(fits(&chosen))
     }
 
-    /// Finds what each segment reflects of its first bounces: the best of a few shares for all, then for each of the
-    /// segments half and double of that.
+    /// Finds what each segment reflects of its first bounces, and whether sharply or blurred: the best of a few shares
+    /// for all, then for each of the segments half and double of that.
     pub(super) fn fit_bounce_gains(&mut self, set: EffectSet) -> anyhow::Result<()> {
         let mut count: BTreeMap<u16, usize> = BTreeMap::new();
         for row in self.rows.iter().filter(|row| row.bounce.is_some()) {
             *count.entry(row.base.segment).or_default() += 1;
         }
         let mut best = (f64::INFINITY, BTreeMap::new());
-        for share in BOUNCE_GAINS {
-            self.try_bounce_gains(set, count.keys().map(|&s| (s, share)).collect(), &mut best)?;
+        let mut best_is_blurred = false;
+        for is_blurred in [false, true] {
+            self.is_blurred = is_blurred;
+            for share in BOUNCE_GAINS {
+                let before = best.0;
+                let gains = count.keys().map(|&segment| (segment, share)).collect();
+                self.try_bounce_gains(set, gains, &mut best)?;
+                if best.0 < before {
+                    best_is_blurred = is_blurred;
+                }
+            }
         }
+        self.is_blurred = best_is_blurred;
         let mut largest: Vec<u16> = count.keys().copied().collect();
         largest.sort_by_key(|segment| (std::cmp::Reverse(count[segment]), *segment));
         if largest.len() > 1 {

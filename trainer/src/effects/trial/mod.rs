@@ -41,6 +41,8 @@ struct TrialRow {
     cosine: f32,
     /// Colour of the first bounce: on average, and without what it mirrors.
     bounce: Option<BounceColor>,
+    /// The same as a blurred mirror shows it.
+    blurred: Option<BounceColor>,
     /// Texels and weights of the second mirrored direction.
     second: Option<([u32; 4], [f32; 4])>,
 }
@@ -54,6 +56,8 @@ pub(super) struct Trial {
     fresnel: Option<(EffectSet, BTreeMap<u16, FresnelFit>)>,
     /// What segments reflect of their first bounces over the common gain, found when first bounces are tried.
     bounce_gains: BTreeMap<u16, f32>,
+    /// Whether first bounces are seen in a blurred mirror.
+    is_blurred: bool,
     blocks: Option<BlockPlan>,
     /// Residuals by set, so that none is solved twice.
     judged: BTreeMap<EffectSet, Rc<Vec<(usize, f64)>>>,
@@ -105,7 +109,8 @@ impl Trial {
                         segment: pixel.segment,
                     },
                     cosine: pixel.cosine,
-                    bounce: pixel.bounce.map(|bounce| colors.at(surface, &bounce)),
+                    bounce: pixel.bounce.map(|bounce| colors.sharp(surface, &bounce)),
+                    blurred: pixel.bounce.map(|bounce| colors.blurred(surface, &bounce)),
                     second: pixel.second.map(|direction| {
                         let taps = panorama.taps(direction.as_dvec3());
                         (taps.texels, taps.weights)
@@ -119,6 +124,7 @@ impl Trial {
             panorama,
             fresnel: None,
             bounce_gains: BTreeMap::new(),
+            is_blurred: false,
             blocks: None,
             judged: BTreeMap::new(),
         })
@@ -323,7 +329,11 @@ impl Trial {
             .and_then(|fits| fits.get(&row.base.segment))
             .map_or(1.0, |fit| fit.factor(row.cosine));
         if set.contains(Effect::Visibility)
-            && let Some(color) = row.bounce
+            && let Some(color) = if self.is_blurred {
+                row.blurred
+            } else {
+                row.bounce
+            }
         {
             composed.taps = [0.0; 4];
             let mut shown = color.median;
