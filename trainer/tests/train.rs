@@ -58,6 +58,7 @@ impl Desk {
             pixel_stride: 1,
             diffuse: DiffuseOrder::Joint,
             object_box: None,
+            effects: "-pose-refinement".parse().unwrap(),
             seed: 1,
             threads,
         };

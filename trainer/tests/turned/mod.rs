@@ -24,6 +24,7 @@ fn train_from(recording: &Path, poses: &str, run: &Path) {
         pixel_stride: 2,
         diffuse: DiffuseOrder::Joint,
         object_box: None,
+        effects: "-pose-refinement".parse().unwrap(),
         seed: 1,
         threads: 2,
     };
