@@ -30,6 +30,7 @@ pub mod eval;
 pub mod export;
 pub mod import;
 pub mod interrupt;
+pub mod perceptual;
 pub mod ply;
 pub mod progress;
 pub mod refine;

@@ -8,16 +8,13 @@ use std::path::Path;
 use imaging::{Rgb8Image, encode_jpeg};
 use serde_json::json;
 
-use crate::eval::composition::Strip;
+use crate::eval::views::Strip;
 use crate::eval::{self, Metrics};
+use crate::perceptual::{CROP_MARGIN, CropBox};
 use crate::run_folder::{RunFolder, write_atomically};
 
 /// Quality of the pictures inside the page.
 const JPEG_QUALITY: u8 = 88;
-/// Held-out frames that the page shows.
-const MOST_STRIPS: usize = 4;
-/// Pixels around the object in a strip.
-const STRIP_MARGIN: u32 = 16;
 
 /// Writes the page of a run; returns its size in bytes.
 pub fn write(folder: &RunFolder, output: &Path) -> anyhow::Result<usize> {
@@ -27,12 +24,11 @@ pub fn write(folder: &RunFolder, output: &Path) -> anyhow::Result<usize> {
 }
 
 /// Keeps pictures of a few held-out frames in the run folder for the page: photograph, composition,
-/// diffuse alone and nearest view side by side, cropped to the object.
+/// diffuse alone and nearest view side by side, cropped to the object as LPIPS sees it.
 pub fn write_strips(folder: &RunFolder, strips: &[Strip]) -> anyhow::Result<()> {
-    let step = strips.len().div_ceil(MOST_STRIPS).max(1);
     let mut names = Vec::new();
-    for strip in strips.iter().step_by(step) {
-        let Some((x0, y0, x1, y1)) = bounds(strip) else {
+    for strip in strips {
+        let Some(area) = CropBox::around(&strip.mask, CROP_MARGIN) else {
             continue;
         };
         let parts: Vec<Rgb8Image> = [
@@ -42,7 +38,7 @@ pub fn write_strips(folder: &RunFolder, strips: &[Strip]) -> anyhow::Result<()> 
             &strip.nearest_view,
         ]
         .into_iter()
-        .map(|image| pictures::crop(image, x0, y0, x1, y1))
+        .map(|image| area.of(image))
         .collect();
         let name = format!("eval/strip-{:06}.jpg", strip.frame);
         folder.write(
@@ -52,27 +48,6 @@ pub fn write_strips(folder: &RunFolder, strips: &[Strip]) -> anyhow::Result<()> 
         names.push(json!({"frame": strip.frame, "file": name}));
     }
     folder.write_json("eval/strips.json", &names)
-}
-
-/// Box of the mask with a margin.
-fn bounds(strip: &Strip) -> Option<(u32, u32, u32, u32)> {
-    let mask = &strip.mask;
-    let mut found: Option<(u32, u32, u32, u32)> = None;
-    for y in 0..mask.height() {
-        for x in 0..mask.width() {
-            if mask.at(x, y) {
-                let (x0, y0, x1, y1) = found.unwrap_or((x, y, x, y));
-                found = Some((x0.min(x), y0.min(y), x1.max(x), y1.max(y)));
-            }
-        }
-    }
-    let (x0, y0, x1, y1) = found?;
-    Some((
-        x0.saturating_sub(STRIP_MARGIN),
-        y0.saturating_sub(STRIP_MARGIN),
-        (x1 + 1 + STRIP_MARGIN).min(mask.width()),
-        (y1 + 1 + STRIP_MARGIN).min(mask.height()),
-    ))
 }
 
 /// The metrics in words for a terminal.

@@ -282,7 +282,7 @@ fn held_out(folder: &RunFolder, metrics: Option<&Metrics>) -> anyhow::Result<Mar
         .l1
         .min(composition.diffuse_only.l1)
         .min(composition.nearest_view.l1);
-    let row = |name: &str, error: &crate::eval::composition::ViewError| {
+    let row = |name: &str, error: &crate::eval::views::ViewError| {
         html! {
             tr class=[(error.l1 <= least).then_some("best")] {
                 td { (name) } td { (format!("{:.4}", error.l1)) } td { (format!("{:.2}", error.psnr)) }
