@@ -8,6 +8,8 @@ mod grid;
 mod lobe;
 mod nulls;
 mod score;
+#[cfg(test)]
+mod tests;
 
 use std::path::Path;
 

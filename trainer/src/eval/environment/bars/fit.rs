@@ -68,7 +68,7 @@ impl MapView<'_> {
         let ends = on.half_extent();
         let across = 5 * SAMPLES_A_BAR as usize;
         let along = (SAMPLES_A_BAR * length / width).ceil() as usize;
-        let (mut samples, mut count) = (Vec::new(), 0);
+        let (mut samples, mut count) = (Vec::new(), 0_usize);
         for i in 0..across {
             let t = (i as f64 + 0.5) / SAMPLES_A_BAR - 2.5;
             for j in 0..along {
