@@ -75,20 +75,20 @@ impl CropBox {
 
 /// A picture as the network takes it: three planes (channel, row, column), normalised.
 #[derive(Clone, Debug)]
-pub struct Judged {
+pub struct NetworkInput {
     pub(super) width: u32,
     pub(super) height: u32,
     pub(super) planes: Vec<f32>,
 }
 
-impl Judged {
+impl NetworkInput {
     /// A whole picture, encoded RGB in [0, 1]. Refuses sides below [`SMALLEST_SIDE`] and values outside.
     pub fn whole(picture: &Image<[f32; 3]>) -> Result<Self, PerceptualError> {
         Self::prepared(picture, None)
     }
 
     /// The masked part of a picture: grey 0.5 outside the mask, cropped to the mask's box and [`CROP_MARGIN`]
-    /// around it, never resized. `None` of an empty mask; refusals as [`Judged::whole`], for the crop.
+    /// around it, never resized. `None` of an empty mask; refusals as [`NetworkInput::whole`], for the crop.
     pub fn masked(picture: &Image<[f32; 3]>, mask: &Mask) -> Result<Option<Self>, PerceptualError> {
         let sizes = [
             (picture.width(), picture.height()),

@@ -12,7 +12,7 @@ mod network;
 #[cfg(test)]
 mod tests;
 
-pub use input::{CROP_MARGIN, CropBox, Judged, SMALLEST_SIDE};
+pub use input::{CROP_MARGIN, CropBox, NetworkInput, SMALLEST_SIDE};
 pub use network::{Features, LayerDistances, Lpips};
 
 /// Why there is no distance.

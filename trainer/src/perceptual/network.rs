@@ -5,7 +5,7 @@ use candle_core::{DType, Device, Tensor};
 use imaging::{Image, Mask};
 
 use super::PerceptualError;
-use super::input::Judged;
+use super::input::NetworkInput;
 
 /// The weights, float16 (`recordings/perceptual/README.md`).
 static WEIGHTS: &[u8] = include_bytes!("../../../recordings/perceptual/lpips_alex_f16.safetensors");
@@ -80,7 +80,7 @@ impl Lpips {
     }
 
     /// The taps of a picture. 4.3 billion multiplications for 640x480.
-    pub fn features(&self, picture: &Judged) -> Result<Features, PerceptualError> {
+    pub fn features(&self, picture: &NetworkInput) -> Result<Features, PerceptualError> {
         let (width, height) = (picture.width as usize, picture.height as usize);
         // (batch, channels, height, width)
         let mut x = Tensor::from_slice(&picture.planes, (1, 3, height, width), &Device::Cpu)?;
@@ -126,18 +126,21 @@ impl Lpips {
         a: &Image<[f32; 3]>,
         b: &Image<[f32; 3]>,
     ) -> Result<LayerDistances, PerceptualError> {
-        let [a, b] = [a, b].map(|picture| self.features(&Judged::whole(picture)?));
+        let [a, b] = [a, b].map(|picture| self.features(&NetworkInput::whole(picture)?));
         self.distance(&a?, &b?)
     }
 
-    /// LPIPS of the masked part of two pictures ([`Judged::masked`]); `None` of an empty mask.
+    /// LPIPS of the masked part of two pictures ([`NetworkInput::masked`]); `None` of an empty mask.
     pub fn masked(
         &self,
         a: &Image<[f32; 3]>,
         b: &Image<[f32; 3]>,
         mask: &Mask,
     ) -> Result<Option<LayerDistances>, PerceptualError> {
-        let (Some(a), Some(b)) = (Judged::masked(a, mask)?, Judged::masked(b, mask)?) else {
+        let (Some(a), Some(b)) = (
+            NetworkInput::masked(a, mask)?,
+            NetworkInput::masked(b, mask)?,
+        ) else {
             return Ok(None);
         };
         self.distance(&self.features(&a)?, &self.features(&b)?)

@@ -69,7 +69,7 @@ fn report(id: &str, worst: f64, tolerance: f64) {
 }
 
 /// The worst difference of total and layers over the golden pairs, with pictures made by `prepare`.
-fn golden_error(net: &Lpips, prepare: impl Fn(&Image<[f32; 3]>) -> Judged) -> f64 {
+fn golden_error(net: &Lpips, prepare: impl Fn(&Image<[f32; 3]>) -> NetworkInput) -> f64 {
     let mut worst = 0.0_f64;
     for pair in golden().pairs {
         let [a, b] = [&pair.a, &pair.b].map(|name| net.features(&prepare(&picture(name))).unwrap());
@@ -87,7 +87,7 @@ fn activations_are_those_of_the_published_network() {
     let net = Lpips::bundled().unwrap();
     let golden = golden().activations;
     let features = net
-        .features(&Judged::whole(&picture(&golden.image)).unwrap())
+        .features(&NetworkInput::whole(&picture(&golden.image)).unwrap())
         .unwrap();
     assert_eq!(golden.taps.len(), 5);
     for (tap, expected) in features.taps().iter().zip(&golden.taps) {
@@ -106,15 +106,15 @@ fn activations_are_those_of_the_published_network() {
 #[test]
 fn hc_l09_inputs_of_lpips_are_prepared_once() {
     let net = Lpips::bundled().unwrap();
-    let right = golden_error(&net, |picture| Judged::whole(picture).unwrap());
+    let right = golden_error(&net, |picture| NetworkInput::whole(picture).unwrap());
     report("L09 golden pairs, total and layers", right, TOLERANCE);
 
     // Bite: the wrong order of channels, and values that were not taken to [-1, 1], look plausible.
     let naive_bgr = golden_error(&net, |picture| {
-        Judged::whole(&picture.map(|[r, g, b]| [b, g, r])).unwrap()
+        NetworkInput::whole(&picture.map(|[r, g, b]| [b, g, r])).unwrap()
     });
     let naive_range = golden_error(&net, |picture| {
-        Judged::whole(&picture.map(|color| color.map(|v| f32::midpoint(v, 1.0)))).unwrap()
+        NetworkInput::whole(&picture.map(|color| color.map(|v| f32::midpoint(v, 1.0)))).unwrap()
     });
     println!("L09: naive BGR errs by {naive_bgr:.3e}, values in [0, 1] by {naive_range:.3e}");
     assert!(naive_bgr > 10.0 * TOLERANCE && naive_range > 10.0 * TOLERANCE);
@@ -176,7 +176,7 @@ fn worst_of_neighbours(net: &Lpips) -> f64 {
                 elsewhere.at(x, y)
             }
         });
-        let inputs = [&a, &b].map(|picture| Judged::masked(picture, &mask).unwrap().unwrap());
+        let inputs = [&a, &b].map(|picture| NetworkInput::masked(picture, &mask).unwrap().unwrap());
         for (a, b) in inputs[0].planes.iter().zip(&inputs[1].planes) {
             worst = worst.max(f64::from((a - b).abs()));
         }
@@ -232,7 +232,7 @@ fn pictures_that_cannot_be_judged_are_refused() {
         let mut wrong = smallest.clone();
         *wrong.at_mut(3, 4) = [0.1, value, 0.1];
         assert!(matches!(
-            Judged::whole(&wrong),
+            NetworkInput::whole(&wrong),
             Err(PerceptualError::ValueOutOfRange { x: 3, y: 4, .. })
         ));
     }

@@ -15,7 +15,7 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use geometry::{DQuat, rotation};
-use imaging::{LinearImage, read_channel_exr, read_confidence_exr, read_rgb_exr};
+use imaging::{ConfidenceMap, LinearImage, read_channel_exr, read_confidence_exr, read_rgb_exr};
 use serde::{Deserialize, Serialize};
 
 pub use bars::{BarKind, BarScore, BarWidth};
@@ -88,43 +88,27 @@ pub fn evaluate(
     alpha: f64,
     fixed_scale: Option<f64>,
 ) -> anyhow::Result<EnvironmentMetrics> {
-    let (map, _) = read_rgb_exr(srm)?;
-    let confidence = read_confidence_exr(confidence)?;
-    let environment = truth.join("environment.exr");
-    let (environment, _) = read_rgb_exr(&environment)
-        .with_context(|| format!("no readable truth at {}", environment.display()))?;
+    let estimate = Estimate::read(srm, confidence)?;
+    let on_grid = estimate.on_grid(truth_from_map);
+    let size = grid_size();
+    let (environment, _) = read_rgb_exr(&truth.join("environment.exr"))
+        .with_context(|| format!("no readable truth in {}", truth.display()))?;
     let reach = read_channel_exr(&truth.join("reach.exr"), None)
         .context("reading the reach of the truth")?;
-    let size = grid_size();
     let reach = grid_scalar(&reach, size);
-    let turn = |map: &LinearImage| truth_from_map.map_or_else(|| map.clone(), |q| turned(map, q));
-    let turned_confidence = turn(&confidence.confidence.map(|c| [c; 3])).map(|c| c[0]);
-    let (map_on_grid, confidence_on_grid) = grid_map(&turn(&map), &turned_confidence, size);
-    let sigma_map = confidence
-        .sigma
-        .map(|s| s.map(|v| if v.is_finite() { v } else { 10.0 }));
-    let (sigma_on_grid, _) = grid_map(&turn(&sigma_map), &turned_confidence, size);
-    let sharp = block_mean(&environment, size);
     let lobe = lobe::lobe_map(&environment, size, alpha);
-    let ones = vec![1.0; size.texel_count()];
-    let claimed = Domain::new(size, &reach, &confidence_on_grid);
-    let whole = Domain::new(size, &reach, &ones);
+    let claimed = Domain::new(size, &reach, &on_grid.confidence);
+    let whole = Domain::new(size, &reach, &vec![1.0; size.texel_count()]);
     let score = |domain: &Domain, map: &Grid, truth: &Grid| score(domain, map, truth, fixed_scale);
-    let on_claimed = score(&claimed, &map_on_grid, &lobe);
-    let on_reach = score(&whole, &map_on_grid, &lobe);
+    let on_claimed = score(&claimed, &on_grid.map, &lobe);
+    let on_reach = score(&whole, &on_grid.map, &lobe);
     let null_maps = nulls::null_maps(&environment, &lobe, size);
     let nulls = nulls::null_scores(&null_maps, &lobe, size, &claimed, &whole, fixed_scale);
-    let view = bars::MapView {
-        map: &map,
-        confidence: &confidence.confidence,
-        truth_from_map: truth_from_map.unwrap_or(DQuat::IDENTITY),
-        scale: on_claimed.scale,
-    };
-    let bars = bars::judge(&view, truth)?;
-    let rgb = [0, 1, 2].map(|channel| {
+    let bars = bars::judge(&estimate.view(truth_from_map, on_claimed.scale), truth)?;
+    let of_channel = |channel: usize| {
         let only = |grid: &Grid| grid.iter().map(|v| [v[channel]; 3]).collect::<Grid>();
-        score(&whole, &only(&map_on_grid), &only(&lobe)).corr
-    });
+        score(&whole, &only(&on_grid.map), &only(&lobe)).corr
+    };
     Ok(EnvironmentMetrics {
         truth_alpha: alpha,
         map_rotation_deg: truth_from_map.map(|q| rotation::log(q).length().to_degrees()),
@@ -135,32 +119,64 @@ pub fn evaluate(
         env_corr_reach: on_reach.corr,
         env_log_rmse_reach: on_reach.log_rmse,
         scale_reach: on_reach.scale,
-        env_corr_rgb: rgb,
-        sharp: score(&whole, &map_on_grid, &sharp),
+        env_corr_rgb: [0, 1, 2].map(of_channel),
+        sharp: score(&whole, &on_grid.map, &block_mean(&environment, size)),
         constant: nulls[nulls::CONSTANT].reach,
         turned: nulls[nulls::TURNED].reach,
-        within_sigma_fraction: within_sigma(
-            &claimed,
-            &map_on_grid,
-            &sigma_on_grid,
-            &lobe,
-            on_claimed.scale,
-        ),
-        verdict: nulls::verdict(
-            on_claimed.corr,
-            nulls
-                .iter()
-                .map(|n| (n.name.as_str(), n.claimed.corr, n.claimed_interval)),
-        ),
-        verdict_reach: nulls::verdict(
-            on_reach.corr,
-            nulls
-                .iter()
-                .map(|n| (n.name.as_str(), n.reach.corr, n.reach_interval)),
-        ),
+        within_sigma_fraction: within_sigma(&claimed, &on_grid, &lobe, on_claimed.scale),
+        verdict: nulls::verdict_claimed(on_claimed.corr, &nulls),
+        verdict_reach: nulls::verdict_reach(on_reach.corr, &nulls),
         nulls,
         env_bar_deg_h: bars::finest(&bars, BarKind::Horizontal),
         env_bar_deg_v: bars::finest(&bars, BarKind::Vertical),
         bars,
     })
+}
+
+/// The map that is judged, in its own axes.
+struct Estimate {
+    map: LinearImage,
+    confidence: ConfidenceMap,
+}
+
+/// The map on the grid, in the axes of the truth.
+struct OnGrid {
+    map: Grid,
+    sigma: Grid,
+    confidence: Vec<f64>,
+}
+
+impl Estimate {
+    fn read(srm: &Path, confidence: &Path) -> anyhow::Result<Self> {
+        let (map, _) = read_rgb_exr(srm)?;
+        let confidence = read_confidence_exr(confidence)?;
+        Ok(Self { map, confidence })
+    }
+
+    fn on_grid(&self, truth_from_map: Option<DQuat>) -> OnGrid {
+        let turn =
+            |map: &LinearImage| truth_from_map.map_or_else(|| map.clone(), |q| turned(map, q));
+        let turned_confidence = turn(&self.confidence.confidence.map(|c| [c; 3])).map(|c| c[0]);
+        // Where nothing was seen sigma is infinite, which has no mean.
+        let sigma = self
+            .confidence
+            .sigma
+            .map(|s| s.map(|v| if v.is_finite() { v } else { 10.0 }));
+        let (map, confidence) = grid_map(&turn(&self.map), &turned_confidence, grid_size());
+        let (sigma, _) = grid_map(&turn(&sigma), &turned_confidence, grid_size());
+        OnGrid {
+            map,
+            sigma,
+            confidence,
+        }
+    }
+
+    fn view(&self, truth_from_map: Option<DQuat>, scale: f64) -> bars::MapView<'_> {
+        bars::MapView {
+            map: &self.map,
+            confidence: &self.confidence.confidence,
+            truth_from_map: truth_from_map.unwrap_or(DQuat::IDENTITY),
+            scale,
+        }
+    }
 }

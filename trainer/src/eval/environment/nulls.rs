@@ -132,15 +132,28 @@ pub(super) fn null_scores(
         .collect()
 }
 
-/// Compares a correlation with the best of `nulls`, given as name, correlation and interval; `None` of none.
-pub(super) fn verdict<'a>(
+/// Compares a map's correlation over the claimed texels with the best of `nulls`; `None` of none.
+pub(super) fn verdict_claimed(corr: f64, nulls: &[NullScore]) -> Option<NullVerdict> {
+    verdict(corr, nulls, |n| (n.claimed.corr, n.claimed_interval))
+}
+
+/// As [`verdict_claimed`], over the whole reach.
+pub(super) fn verdict_reach(corr: f64, nulls: &[NullScore]) -> Option<NullVerdict> {
+    verdict(corr, nulls, |n| (n.reach.corr, n.reach_interval))
+}
+
+fn verdict(
     corr: f64,
-    nulls: impl Iterator<Item = (&'a str, f64, [f64; 2])>,
+    nulls: &[NullScore],
+    figures: impl Fn(&NullScore) -> (f64, [f64; 2]),
 ) -> Option<NullVerdict> {
-    let (name, best_corr, [_, high]) = nulls.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let best = nulls
+        .iter()
+        .max_by(|a, b| figures(a).0.total_cmp(&figures(b).0))?;
+    let (best_corr, [_, high]) = figures(best);
     let bar = high.max(best_corr);
     Some(NullVerdict {
-        best_null: name.to_owned(),
+        best_null: best.name.clone(),
         best_corr,
         bar,
         shows_detail: corr > bar,
@@ -213,10 +226,7 @@ mod tests {
         let maps = null_maps(&room, &truth, size);
         let nulls = null_scores(&maps, &truth, size, &domain, &domain, None);
         let corr = score(&domain, map, &truth, None).corr;
-        let each = nulls
-            .iter()
-            .map(|n| (n.name.as_str(), n.claimed.corr, n.claimed_interval));
-        (corr, verdict(corr, each).unwrap(), nulls)
+        (corr, verdict_claimed(corr, &nulls).unwrap(), nulls)
     }
 
     #[test]
@@ -251,7 +261,7 @@ mod tests {
         );
         let empty = Domain::new(grid_size(), &vec![0.0; 8192], &vec![1.0; 8192]);
         assert_eq!(interval(&empty, grid_size(), |_| 0.0), [0.0; 2]);
-        assert_eq!(verdict(0.5, std::iter::empty()), None);
+        assert_eq!(verdict_reach(0.5, &[]), None);
     }
 
     #[test]

@@ -4,6 +4,7 @@ use geometry::{PanoramaSize, robust};
 use imaging::measures;
 use serde::{Deserialize, Serialize};
 
+use super::OnGrid;
 use super::grid::Grid;
 
 /// Texels with truth in this range set the scale.
@@ -117,13 +118,8 @@ pub(super) fn clipped_corr(texels: &[(usize, f64)], map: &Grid, truth: &Grid, sc
 }
 
 /// Share of the claimed solid angle whose truth lies within 1.64 σ of the map.
-pub(super) fn within_sigma(
-    domain: &Domain,
-    map: &Grid,
-    sigma: &Grid,
-    truth: &Grid,
-    scale: f64,
-) -> f64 {
+pub(super) fn within_sigma(domain: &Domain, estimate: &OnGrid, truth: &Grid, scale: f64) -> f64 {
+    let (map, sigma) = (&estimate.map, &estimate.sigma);
     let inside: f64 = domain
         .texels
         .iter()

@@ -5,7 +5,7 @@ use imaging::{Image, Mask, Rgb8Image, srgb};
 
 use super::figures::ViewError;
 use super::predict::Predictions;
-use crate::perceptual::{CROP_MARGIN, CropBox, Features, Judged, Lpips, PerceptualError};
+use crate::perceptual::{CROP_MARGIN, CropBox, Features, Lpips, NetworkInput, PerceptualError};
 
 /// The methods, in the order of every array here, by their keys in the metrics.
 pub(super) const METHODS: [&str; 3] = ["composition", "diffuse_only", "nearest_view"];
@@ -130,7 +130,7 @@ fn features(
     image: &Image<[f32; 3]>,
     mask: &Mask,
 ) -> Result<Option<Features>, PerceptualError> {
-    match Judged::masked(image, mask) {
+    match NetworkInput::masked(image, mask) {
         Ok(Some(judged)) => lpips.features(&judged).map(Some),
         Ok(None) | Err(PerceptualError::TooSmall { .. }) => Ok(None),
         Err(error) => Err(error),
