@@ -18,8 +18,9 @@
 //!
 //! Map: [`cli`] flags and exit codes · [`import`] foreign recordings · [`train`] the stages in order ·
 //! [`stages`] poses, geometry, diffuse, linear · [`refine`] poses that fit each other · [`eval`] figures
-//! against truth · [`tradeoff`] accuracy against time · [`report`] one page · [`render`] pictures from any
-//! view · [`export`] files for other programs · [`simulate`] captures with their truth · [`run_folder`] what is kept.
+//! against truth · [`perceptual`] LPIPS · [`tradeoff`] accuracy against time · [`report`] one page ·
+//! [`render`] pictures from any view · [`export`] files for other programs · [`simulate`] captures with their
+//! truth · [`run_folder`] what is kept.
 //!
 //! Invariants: training reads training frames only; no file has its final name before it is complete; the
 //! same input, seed and SIMD level give the same bits for any number of threads.
@@ -32,6 +33,7 @@ pub mod eval;
 pub mod export;
 pub mod import;
 pub mod interrupt;
+pub mod perceptual;
 pub mod ply;
 pub mod progress;
 pub mod refine;

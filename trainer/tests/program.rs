@@ -62,6 +62,13 @@ fn two_cans_and_a_bag_show_the_lobby() {
     assert!(number(&joint, "coverage") >= 0.5);
     assert!(number(&joint, "env_corr_reach") >= number(&joint, "env_corr_turned") + 0.3);
     assert!(number(&joint, "l1") <= 0.9 * number(&joint, "l1_nearest"));
+    assert_eq!(joint["env_shows_detail"], true);
+    assert!(
+        joint.get("env_bar_deg_h").is_none(),
+        "this truth has no bars"
+    );
+    assert!(number(&joint, "ssim") > 0.6 && number(&joint, "psnr") > 20.0);
+    assert!(number(&joint, "lpips") <= 0.85 * number(&joint, "lpips_diffuse"));
 
     // The paper's order, D at its robust minimum and then S, must be clearly worse on the same scene.
     summary(&[
@@ -87,6 +94,7 @@ fn two_cans_and_a_bag_show_the_lobby() {
     summary(&["report", &at("run"), "-o", &at("report.html")]);
     let page = std::fs::read_to_string(at("report.html")).unwrap();
     assert!(page.contains("<h1>two-cans</h1>") && page.contains("data:image/jpeg;base64,"));
+    assert!(page.contains("<svg") && page.contains("null: the truth blurred by 20 degrees"));
     assert!(
         !page.contains("http://") && !page.contains("https://"),
         "the page needs nothing from elsewhere"

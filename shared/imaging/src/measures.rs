@@ -5,12 +5,14 @@
 //! `None` counts all. An empty set has no measure: `None`, never 0 or NaN.
 
 mod correlation;
+mod highlights;
 mod structure;
 mod summary;
 #[cfg(test)]
 mod tests;
 
 pub use correlation::{MapSample, MapScore, log_rmse, map_score, weighted_pearson};
+pub use highlights::{HighlightEnergy, highlight_energy, highlight_ratio};
 pub use structure::{luma, luma_ssim, ssim};
 pub use summary::{Better, Summary};
 

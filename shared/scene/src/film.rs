@@ -58,6 +58,8 @@ pub const GAMMA: f64 = 2.2;
 const COLOR_FROM_DEPTH: DVec3 = DVec3::new(-0.025, 0.0, 0.0);
 /// Focal length over width: 525 pixels at VGA.
 const FOCAL_OVER_WIDTH: f64 = 525.0 / 640.0;
+/// Up to this reflectance one path a sample is enough.
+const FAINT_R0: f32 = 0.15;
 /// What stands for the white level where nothing may clip.
 const UNSATURATED: f32 = 0.9;
 
@@ -101,7 +103,7 @@ pub struct FrameTruth {
     pub normal: Image<[f32; 3]>,
     /// D: matte radiance.
     pub diffuse: LinearImage,
-    /// S: mirrored radiance, F included, the mean of 16 paths; black where nothing is glossy.
+    /// S: mirrored radiance, F included; black where nothing is glossy.
     pub specular: LinearImage,
     /// V: whether the exactly mirrored ray meets nothing.
     pub visible: Image<bool>,
@@ -377,18 +379,24 @@ impl Film {
         pixel: [u32; 2],
         sample: u32,
     ) -> [f32; 3] {
-        if transport.gloss(point).is_none() {
+        let Some((_, gloss, _)) = transport.gloss(point) else {
             return transport.matte(point);
-        }
+        };
+        // A faint reflection has faint noise.
+        let paths = if gloss.r0.iter().any(|&r0| r0 > FAINT_R0) {
+            self.options.paths
+        } else {
+            1
+        };
         let mut sum = [0.0; 3];
-        for path in 0..self.options.paths {
-            let mut random = self.path_random(index, pixel, sample * self.options.paths + path);
+        for path in 0..paths {
+            let mut random = self.path_random(index, pixel, sample * paths + path);
             let value = transport.leaving(point, -ray.direction, &mut random);
             for (sum, value) in sum.iter_mut().zip(value) {
                 *sum += value;
             }
         }
-        sum.map(|value| value / self.options.paths as f32)
+        sum.map(|value| value / paths as f32)
     }
 
     fn path_random(&self, index: u32, pixel: [u32; 2], path: u32) -> PathRandom {
@@ -459,8 +467,9 @@ impl Film {
         self.design.room.bars.as_ref().filter(|_| is_room)
     }
 
-    /// The truth of frame `index` at the pixel centres of the colour camera, at the middle of the exposure.
-    pub fn truth(&self, index: u32) -> FrameTruth {
+    /// The truth of frame `index` at the pixel centres of the colour camera, at the middle of the exposure. Mirrored
+    /// light is the mean of `paths` paths; without any it stays black.
+    pub fn truth(&self, index: u32, paths: u32) -> FrameTruth {
         let (width, height) = (
             self.color.intrinsics.width(),
             self.color.intrinsics.height(),
@@ -471,7 +480,7 @@ impl Film {
             .map(|y| {
                 let mut transport = self.transport(pose.translation().as_vec3());
                 (0..width)
-                    .map(|x| self.pixel_truth(&mut transport, &pose, index, [x, y]))
+                    .map(|x| self.pixel_truth(&mut transport, &pose, index, [x, y], paths))
                     .collect()
             })
             .collect();
@@ -485,6 +494,7 @@ impl Film {
         pose: &Pose,
         index: u32,
         pixel: [u32; 2],
+        paths: u32,
     ) -> PixelTruth {
         let ray = self.ray_through(pose, pixel.map(f64::from));
         let Some(point) = self.world.closest(&ray) else {
@@ -511,8 +521,7 @@ impl Film {
                 None => truth.visible = true,
             }
         }
-        const PATHS: u32 = 16;
-        for path in 0..PATHS {
+        for path in 0..paths {
             // Beyond the paths of the frame itself.
             let mut random = self.path_random(index, pixel, (1 << 20) + path);
             let value = transport.leaving(&point, -ray.direction, &mut random);
@@ -521,7 +530,7 @@ impl Film {
                 .iter_mut()
                 .zip(value.iter().zip(truth.diffuse))
             {
-                *sum += (value - matte) / PATHS as f32;
+                *sum += (value - matte) / paths as f32;
             }
         }
         truth
@@ -590,7 +599,9 @@ fn environment(
                 _ => 128,
             };
             let size = geometry::PanoramaSize::from_height(height).expect("rows of a panorama");
-            Environment::from_function(size, |direction| {
+            // Bars are known to a sixteenth of a texel, furniture needs less.
+            let fineness = if design.room.bars.is_some() { 4 } else { 2 };
+            Environment::from_function(size, fineness, |direction| {
                 design.room.radiance(direction).map(|v| v.min(limit))
             })
         }

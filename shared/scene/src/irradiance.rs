@@ -2,8 +2,9 @@
 
 use glam::Vec3;
 use rayon::prelude::*;
-use raytrace::{MirrorQuery, Ray};
+use raytrace::{Hit, MirrorQuery, Ray};
 
+use crate::lobe;
 use crate::random::{Purpose, Stream};
 use crate::world::{LightQuality, World};
 
@@ -13,22 +14,35 @@ struct Light {
     radiance: [f32; 3],
 }
 
-/// Irradiance over π on both sides of nothing: on the side of each vertex' normal.
+/// Times that light is passed from surface to surface.
+const PASSES: u64 = 2;
+/// Largest radiance that mirrors pass on to matte surfaces: the bright curves that lamps draw through them would be
+/// noise between vertices.
+const MIRRORED_LIMIT: f32 = 2.0;
+
+/// Irradiance over π on the side of each vertex' normal.
 pub(crate) fn gather(world: &World, quality: LightQuality, seed: u64) -> Vec<[f32; 3]> {
     let lights = lights(world, quality.light_count, seed);
-    let mesh = world.mesh();
-    let direct: Vec<[f32; 3]> = (0..mesh.positions.len())
+    let vertices = 0..world.mesh().positions.len();
+    let direct: Vec<[f32; 3]> = vertices
+        .clone()
         .into_par_iter()
         .map(|vertex| from_environment(world, &lights, vertex))
         .collect();
-    let colors = matte_colors(world, &direct);
-    (0..mesh.positions.len())
-        .into_par_iter()
-        .map(|vertex| {
-            let bounced = from_surfaces(world, &colors, vertex, quality.bounce_count, seed);
-            std::array::from_fn(|c| direct[vertex][c] + bounced[c])
-        })
-        .collect()
+    let mut all = direct.clone();
+    for pass in 1..=PASSES {
+        let colors = matte_colors(world, &all);
+        all = vertices
+            .clone()
+            .into_par_iter()
+            .map(|vertex| {
+                let random = Stream::new(seed, Purpose::Irradiance, pass, vertex as u64);
+                let bounced = from_surfaces(world, &colors, vertex, quality.bounce_count, random);
+                std::array::from_fn(|c| direct[vertex][c] + bounced[c])
+            })
+            .collect();
+    }
+    all
 }
 
 /// Directions in proportion to the light, one in each of as many equal parts of it.
@@ -104,12 +118,11 @@ fn from_surfaces(
     colors: &[[f32; 3]],
     vertex: usize,
     count: u32,
-    seed: u64,
+    mut random: Stream,
 ) -> [f32; 3] {
     let normal = world.mesh().normals[vertex];
     let origin = start(world, vertex);
     let (tangent, bitangent) = geometry::direction::basis(normal);
-    let mut random = Stream::new(seed, Purpose::Irradiance, 1, vertex as u64);
     let mut sum = [0.0_f64; 3];
     for index in 0..count {
         let u = (index as f32 + random.unit()) / count as f32;
@@ -118,11 +131,44 @@ fn from_surfaces(
         let direction = tangent * (flat * angle.cos())
             + bitangent * (flat * angle.sin())
             + normal * (1.0 - u).max(0.0).sqrt();
-        if let Some(hit) = world.scene().closest(&Ray::new(origin, direction)) {
-            for c in 0..3 {
-                sum[c] += f64::from(colors[hit.triangle as usize][c]);
+        let ray = Ray::new(origin, direction);
+        if let Some(hit) = world.scene().closest(&ray) {
+            let mirrored = mirrored(world, colors, &ray, &hit);
+            for (sum, (matte, mirrored)) in sum
+                .iter_mut()
+                .zip(colors[hit.triangle as usize].iter().zip(mirrored))
+            {
+                *sum += f64::from(matte + mirrored);
             }
         }
     }
     sum.map(|value| (value / f64::from(count.max(1))) as f32)
+}
+
+/// What a glossy surface mirrors towards the ray, as a mirror would: matte surfaces blur it anyway.
+fn mirrored(world: &World, colors: &[[f32; 3]], ray: &Ray, hit: &Hit) -> [f32; 3] {
+    let object = &world.objects[usize::from(world.object_of_triangle()[hit.triangle as usize])];
+    if !object.material.is_glossy() {
+        return [0.0; 3];
+    }
+    let point = world.point_at(ray, hit);
+    let Some((_, gloss)) = object.material.gloss(point.position - object.anchor) else {
+        return [0.0; 3];
+    };
+    let outgoing = -ray.direction;
+    let direction = lobe::mirrored(outgoing, point.normal);
+    let onward = World::leaving(&point, direction);
+    let seen = match world.scene().closest(&onward) {
+        Some(next) => colors[next.triangle as usize],
+        None => world.environment.radiance(onward.origin, direction),
+    };
+    let cosine = outgoing.dot(point.normal);
+    std::array::from_fn(|c| {
+        let reflectance = if gloss.has_fresnel {
+            lobe::schlick(gloss.r0[c], cosine)
+        } else {
+            gloss.r0[c]
+        };
+        reflectance * seen[c].min(MIRRORED_LIMIT)
+    })
 }

@@ -9,7 +9,7 @@
 //! use scene::{Film, FilmOptions};
 //! let film = Film::new("mirror-ball", FilmOptions::default())?;
 //! let frame = film.frame(0);
-//! let truth = film.truth(0);
+//! let truth = film.truth(0, 16);
 //! assert!(frame.mosaic.width() == truth.diffuse.width());
 //! # Ok::<(), scene::SceneError>(())
 //! ```

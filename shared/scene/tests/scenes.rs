@@ -45,7 +45,7 @@ fn every_scene_is_lit_seen_and_measured() {
         }
         for index in [0, film.frame_count() - 1] {
             let frame = film.frame(index);
-            let truth = film.truth(index);
+            let truth = film.truth(index, 0);
             let count = |marks: usize| marks as f64 / (96.0 * 72.0);
             let seen = count(truth.object.pixels().iter().filter(|&&o| o > 0).count());
             let measured = count(frame.shifts.pixels().iter().filter(|&&s| s > 0).count());
@@ -152,7 +152,7 @@ fn truth_adds_up_to_the_light_that_is_filmed() {
     };
     let film = Film::new("ball-on-table", options).unwrap();
     let (light, _) = film.light(2);
-    let truth = film.truth(2);
+    let truth = film.truth(2, 16);
     let (mut sum, mut weight) = (0.0, 0.0);
     for y in 0..72 {
         for x in 0..96 {

@@ -230,7 +230,7 @@ fn photographs(
             .find(|folder| folder.is_dir())
     });
     let model = eval::model::Model::load(folder)?;
-    let judged = eval::composition::evaluate_at(
+    let judged = eval::views::evaluate_at(
         recording,
         &model,
         &poses_of_run(folder, recording, &config.poses)?,

@@ -19,11 +19,8 @@ pub(super) struct SimulateArgs {
     /// Name of the scene, or `list`.
     scene: String,
     /// Recording to write; its truth goes into a folder beside it, `x.truth` for `x.glint`.
-    #[arg(short, long, required_unless_present = "list")]
+    #[arg(short, long)]
     output: Option<PathBuf>,
-    /// Print the scenes.
-    #[arg(long)]
-    list: bool,
     /// Frames over the whole path; the scene's own number when absent.
     #[arg(long, value_parser = clap::value_parser!(u32).range(4..=100_000))]
     frames: Option<u32>,
@@ -101,7 +98,7 @@ fn parse_pose_noise(text: &str) -> Result<[f64; 2], String> {
 
 /// Films the scene, or prints all.
 pub(super) fn run(args: &SimulateArgs, progress: &Progress) -> anyhow::Result<Summary> {
-    if args.list || args.scene == "list" {
+    if args.scene == "list" {
         return list();
     }
     let Some(output) = &args.output else {

@@ -1,11 +1,11 @@
 //! `glint eval`: the map against a known room, the model against photographs it never saw, the camera path and
 //! the shape against references.
 
-pub mod composition;
 pub mod environment;
 pub mod mesh;
 pub mod model;
 pub mod trajectory;
+pub mod views;
 
 use serde::{Deserialize, Serialize};
 
@@ -17,7 +17,7 @@ pub struct Metrics {
     pub environment: Option<environment::EnvironmentMetrics>,
     /// Held-out photographs.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub composition: Option<composition::CompositionMetrics>,
+    pub composition: Option<views::CompositionMetrics>,
     /// The camera path against a reference.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trajectory: Option<trajectory::TrajectoryMetrics>,

@@ -8,6 +8,7 @@ use sequence::Recording;
 
 use super::JPEG_QUALITY;
 use super::pictures::{self, MeshPaint};
+use super::{truth, views};
 use crate::eval::Metrics;
 use crate::eval::model::Model;
 use crate::run_folder::{Manifest, RunFolder};
@@ -31,7 +32,7 @@ img{max-width:100%;display:block;border-radius:3px}figure{margin:10px 0}figcapti
 caption{caption-side:bottom;text-align:left;color:var(--soft);font-size:13px;padding-top:4px}table{border-collapse:collapse;margin:8px 0;font-variant-numeric:tabular-nums}
 th,td{text-align:right;padding:3px 14px 3px 0;border-bottom:1px solid var(--line)}th:first-child,td:first-child{text-align:left}
 th{font-weight:600;color:var(--soft);font-size:13px}.best{color:var(--accent);font-weight:600}
-.cols{display:grid;grid-template-columns:repeat(4,1fr);font-size:13px;color:var(--soft);text-align:center}
+svg{max-width:100%;height:auto}.cols{display:grid;grid-template-columns:repeat(4,1fr);font-size:13px;color:var(--soft);text-align:center}
 ";
 
 fn picture(image: &Rgb8Image, alt: &str) -> anyhow::Result<Markup> {
@@ -43,7 +44,8 @@ fn sharp_picture(image: &Rgb8Image, alt: &str) -> anyhow::Result<Markup> {
     Ok(embedded(&encode_png_rgb8(image)?, "png", alt))
 }
 
-fn embedded(bytes: &[u8], kind: &str, alt: &str) -> Markup {
+/// A picture inside the page; `kind` is its format.
+pub(super) fn embedded(bytes: &[u8], kind: &str, alt: &str) -> Markup {
     let data = base64::engine::general_purpose::STANDARD.encode(bytes);
     html! { img alt=(alt) src={ "data:image/" (kind) ";base64," (PreEscaped(data)) }; }
 }
@@ -82,8 +84,8 @@ pub(super) fn page(folder: &RunFolder) -> anyhow::Result<String> {
                 (inputs(folder, &config, &model)?)
                 (path(folder)?)
                 (shape(folder, &config, &model, &geometry, &object, &linear)?)
-                (held_out(folder, metrics.as_ref())?)
-                (environment(metrics.as_ref()))
+                (views::held_out(folder, metrics.as_ref())?)
+                (truth::environment(metrics.as_ref()))
                 (solve(&linear))
                 (cost(&manifest, metrics.as_ref()))
             } }
@@ -251,81 +253,6 @@ fn shape(
             }
         }
     })
-}
-
-fn held_out(folder: &RunFolder, metrics: Option<&Metrics>) -> anyhow::Result<Markup> {
-    let Some(composition) = metrics.and_then(|m| m.composition.as_ref()) else {
-        return Ok(html! {});
-    };
-    #[derive(serde::Deserialize)]
-    struct StripFile {
-        frame: usize,
-        file: String,
-    }
-    let files: Vec<StripFile> = folder.read_json("eval/strips.json")?;
-    let mut strips = Vec::new();
-    for strip in files {
-        let bytes = std::fs::read(folder.path(&strip.file))?;
-        let angle = composition
-            .frames
-            .iter()
-            .find(|f| f.frame == strip.frame)
-            .map_or(0.0, |f| f.angle_deg);
-        strips.push((
-            strip.frame,
-            angle,
-            embedded(&bytes, "jpeg", "held-out strip"),
-        ));
-    }
-    let least = composition
-        .composition
-        .l1
-        .min(composition.diffuse_only.l1)
-        .min(composition.nearest_view.l1);
-    let row = |name: &str, error: &crate::eval::composition::ViewError| {
-        html! {
-            tr class=[(error.l1 <= least).then_some("best")] {
-                td { (name) } td { (format!("{:.4}", error.l1)) } td { (format!("{:.2}", error.psnr)) }
-            }
-        }
-    };
-    Ok(html! {
-        h2 { "Views nobody trained on" }
-        div.cols { span { "photograph" } span { "D + gain · SRM" } span { "diffuse alone" } span { "nearest photograph" } }
-        @for (frame, angle, strip) in &strips {
-            figure { (strip) figcaption { "frame " (frame) (format!(", {angle:.1} degrees from the nearest training view")) } }
-        }
-        table {
-            tr { th { "held out" } th { "L1" } th { "PSNR dB" } }
-            (row("composition", &composition.composition))
-            (row("diffuse alone", &composition.diffuse_only))
-            (row("nearest photograph reprojected", &composition.nearest_view))
-        }
-        p.soft { (composition.frame_count) " frames, codes as 0 to 1, mask: " (composition.mask) "." }
-    })
-}
-
-fn environment(metrics: Option<&Metrics>) -> Markup {
-    let Some(e) = metrics.and_then(|m| m.environment.as_ref()) else {
-        return html! {};
-    };
-    let row = |name: &str, corr: f64, log_rmse: f64, coverage: f64| {
-        html! {
-            tr { td { (name) } td { (format!("{corr:.3}")) } td { (format!("{log_rmse:.3}")) } td { (format!("{coverage:.2}")) } }
-        }
-    };
-    html! {
-        h2 { "Against the true room" }
-        table {
-            tr { th { (format!("truth blurred with GGX width {}", e.truth_alpha)) } th { "correlation" } th { "log-RMSE" } th { "coverage" } }
-            (row("claimed texels", e.env_corr, e.env_log_rmse, e.coverage))
-            (row("whole reach", e.env_corr_reach, e.env_log_rmse_reach, 1.0))
-            (row("constant map", e.constant.corr, e.constant.log_rmse, 1.0))
-            (row("true map turned by 90 degrees", e.turned.corr, e.turned.log_rmse, 1.0))
-            (row("this map against the sharp truth", e.sharp.corr, e.sharp.log_rmse, 1.0))
-        }
-        p.soft { (format!("{:.1} % of the claimed texels lie within 1.64 sigma of the truth.", 100.0 * e.within_sigma_fraction)) }
-    }
 }
 
 fn solve(linear: &LinearSummary) -> Markup {

@@ -1,4 +1,4 @@
-//! Pictures for the page: panoramas, shaded meshes, crops and rows of pictures.
+//! Pictures for the page: panoramas, shaded meshes and rows of pictures.
 
 use geometry::{DVec3, Intrinsics, Pose, direction};
 use glam::Vec3;
@@ -116,17 +116,6 @@ fn segment_color(model: &Model, segment: u16) -> [f32; 3] {
     } else {
         color.map(|v| 0.25 * v + 0.3)
     }
-}
-
-/// The part of `image` from (x0, y0) to (x1, y1), the ends excluded.
-pub(super) fn crop(image: &Rgb8Image, x0: u32, y0: u32, x1: u32, y1: u32) -> Rgb8Image {
-    let mut part = Image::new(x1 - x0, y1 - y0, [0; 3]);
-    for y in y0..y1 {
-        for x in x0..x1 {
-            *part.at_mut(x - x0, y - y0) = image.at(x, y);
-        }
-    }
-    part
 }
 
 /// Pictures of one height beside each other with a white line between.

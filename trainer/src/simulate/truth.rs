@@ -21,6 +21,8 @@ use crate::ply::{self, PlyMesh};
 
 /// Rows of the stored environment.
 const ENVIRONMENT_ROWS: u32 = 256;
+/// Paths of a pixel of stored mirrored light.
+const TRUTH_PATHS: u32 = 16;
 
 /// Begins the folder; one that is there goes first where it may.
 pub(super) fn begin(options: &SimulateOptions, folder: &Path) -> anyhow::Result<TargetFolder> {
@@ -71,7 +73,8 @@ pub(super) fn write(
         let is_shown = number % options.truth_every == 0;
         let is_masked = split.test.binary_search(&number).is_ok();
         if is_shown || is_masked {
-            write_frame(&folder, number, &film.truth(number), is_shown)?;
+            let paths = if is_shown { TRUTH_PATHS } else { 0 };
+            write_frame(&folder, number, &film.truth(number, paths), is_shown)?;
         }
     }
     folder.write(

@@ -189,7 +189,8 @@ fn fit_plane(mesh: &Mesh, areas: &[f32], vertices: &[u32], guess: Vec3) -> Optio
 }
 
 /// Finds planes and segments. `inside` narrows the object (all vertices when `None`); the result depends
-/// on nothing but mesh, box and seed.
+/// on nothing but mesh, box and seed. Where nothing stands out from the planes, they are the object: a sheet or a
+/// picture that fills the view.
 pub fn find_object(mesh: &Mesh, inside: Option<&WorldBox>, seed: u64) -> ObjectParts {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
     let triangle_areas = triangle_areas(mesh);
@@ -217,12 +218,19 @@ pub fn find_object(mesh: &Mesh, inside: Option<&WorldBox>, seed: u64) -> ObjectP
         }
         free.retain(|&v| !on_plane[v as usize]);
     }
-    if let Some(inside) = inside {
-        for (index, left_out) in on_plane.iter_mut().enumerate() {
-            *left_out |= !inside.contains(mesh.positions[index].as_dvec3() + mesh.origin);
-        }
+    let outside: Vec<bool> = mesh
+        .positions
+        .iter()
+        .map(|p| inside.is_some_and(|inside| !inside.contains(p.as_dvec3() + mesh.origin)))
+        .collect();
+    for (left_out, &is_outside) in on_plane.iter_mut().zip(&outside) {
+        *left_out |= is_outside;
     }
-    let (segments, vertex_segment) = segments(mesh, &areas, &on_plane);
+    let (mut segments, mut vertex_segment) = connected_parts(mesh, &areas, &on_plane);
+    if segments.is_empty() && !planes.is_empty() {
+        planes.clear();
+        (segments, vertex_segment) = connected_parts(mesh, &areas, &outside);
+    }
     ObjectParts {
         planes,
         segments,
@@ -231,7 +239,7 @@ pub fn find_object(mesh: &Mesh, inside: Option<&WorldBox>, seed: u64) -> ObjectP
 }
 
 /// Connected parts of what is not left out, largest first; crumbs are dropped.
-fn segments(mesh: &Mesh, areas: &[f32], left_out: &[bool]) -> (Vec<Segment>, Vec<u16>) {
+fn connected_parts(mesh: &Mesh, areas: &[f32], left_out: &[bool]) -> (Vec<Segment>, Vec<u16>) {
     let mut parent: Vec<u32> = (0..mesh.positions.len() as u32).collect();
     for triangle in &mesh.triangles {
         for (a, b) in [(triangle[0], triangle[1]), (triangle[1], triangle[2])] {
@@ -290,4 +298,83 @@ fn find(parent: &mut [u32], mut node: u32) -> u32 {
         node = parent[node as usize];
     }
     node
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A square of `half` metres to each side at y = 0, in squares of a centimetre, looking up.
+    fn plate(half: f32) -> Mesh {
+        let count = (200.0 * half).round() as u32;
+        let mut mesh = Mesh::default();
+        for row in 0..=count {
+            for column in 0..=count {
+                let at = |index: u32| 0.01 * index as f32 - half;
+                mesh.positions.push(Vec3::new(at(column), 0.0, at(row)));
+                mesh.normals.push(-Vec3::Y);
+            }
+        }
+        for row in 0..count {
+            for column in 0..count {
+                let a = row * (count + 1) + column;
+                let (b, c, d) = (a + 1, a + count + 2, a + count + 1);
+                mesh.triangles.extend([[a, b, c], [a, c, d]]);
+            }
+        }
+        mesh
+    }
+
+    /// A cone of 10 cm that stands apart from the plate.
+    fn add_cone(mesh: &mut Mesh) {
+        let first = mesh.positions.len() as u32;
+        for ring in 0..=10_u32 {
+            for spoke in 0..24_u32 {
+                let angle = std::f32::consts::TAU * spoke as f32 / 24.0;
+                let radius = 0.006 * (10 - ring) as f32 + 0.002;
+                let out = Vec3::new(angle.cos(), 0.0, angle.sin());
+                mesh.positions
+                    .push(radius * out - Vec3::Y * (0.03 + 0.01 * ring as f32));
+                mesh.normals.push((out - 0.6 * Vec3::Y).normalize());
+            }
+        }
+        for ring in 0..10 {
+            for spoke in 0..24 {
+                let at = |r: u32, s: u32| first + r * 24 + s % 24;
+                let (a, b) = (at(ring, spoke), at(ring, spoke + 1));
+                let (c, d) = (at(ring + 1, spoke + 1), at(ring + 1, spoke));
+                mesh.triangles.extend([[a, b, c], [a, c, d]]);
+            }
+        }
+    }
+
+    #[test]
+    fn what_stands_on_a_plane_is_the_object() {
+        let mut mesh = plate(0.3);
+        let plate_count = mesh.positions.len();
+        add_cone(&mut mesh);
+        let parts = find_object(&mesh, None, 1);
+        assert_eq!((parts.planes.len(), parts.segments.len()), (1, 1));
+        assert!(parts.vertex_segment[..plate_count].iter().all(|&s| s == 0));
+    }
+
+    #[test]
+    fn a_plane_with_nothing_on_it_is_the_object_itself() {
+        let mesh = plate(0.3);
+        let parts = find_object(&mesh, None, 1);
+        assert_eq!((parts.planes.len(), parts.segments.len()), (0, 1));
+        assert!(parts.vertex_segment.iter().all(|&s| s == 1));
+        // A box still narrows it.
+        let half = WorldBox {
+            low: [-1.0, -1.0, -1.0],
+            high: [0.0, 1.0, 1.0],
+        };
+        let parts = find_object(&mesh, Some(&half), 1);
+        let kept = parts.vertex_segment.iter().filter(|&&s| s == 1).count();
+        assert!(
+            kept > 1500 && kept < 2000,
+            "{kept} of {}",
+            mesh.positions.len()
+        );
+    }
 }

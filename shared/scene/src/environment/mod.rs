@@ -88,9 +88,6 @@ fn importance_of(size: PanoramaSize, texels: &[[f32; 3]]) -> ImportanceTable {
     })
 }
 
-/// Samples of a texel in each direction when a function becomes a panorama.
-const SUPERSAMPLING: u32 = 4;
-
 impl Environment {
     /// From a panorama in the world's axes.
     ///
@@ -116,26 +113,29 @@ impl Environment {
         Ok(Self::new(size, map.pixels().to_vec()))
     }
 
-    /// From a function of direction, each texel the mean of 16 samples.
-    pub fn from_function(size: PanoramaSize, radiance: impl Fn(Vec3) -> [f32; 3] + Sync) -> Self {
+    /// From a function of direction, each texel the mean of `fineness`² samples.
+    pub fn from_function(
+        size: PanoramaSize,
+        fineness: u32,
+        radiance: impl Fn(Vec3) -> [f32; 3] + Sync,
+    ) -> Self {
         let texels = (0..size.texel_count())
             .into_par_iter()
             .map(|index| {
                 let (column, row) = (index as u32 % size.width(), index as u32 / size.width());
                 let mut sum = [0.0_f64; 3];
-                for sample in 0..SUPERSAMPLING * SUPERSAMPLING {
-                    let inside =
-                        |part: u32| (f64::from(part) + 0.5) / f64::from(SUPERSAMPLING) - 0.5;
+                for sample in 0..fineness * fineness {
+                    let inside = |part: u32| (f64::from(part) + 0.5) / f64::from(fineness) - 0.5;
                     let texel = DVec2::new(
-                        f64::from(column) + inside(sample % SUPERSAMPLING),
-                        f64::from(row) + inside(sample / SUPERSAMPLING),
+                        f64::from(column) + inside(sample % fineness),
+                        f64::from(row) + inside(sample / fineness),
                     );
                     let value = radiance(size.direction_from_texel(texel).as_vec3());
                     for c in 0..3 {
                         sum[c] += f64::from(value[c]);
                     }
                 }
-                sum.map(|s| (s / f64::from(SUPERSAMPLING * SUPERSAMPLING)) as f32)
+                sum.map(|s| (s / f64::from(fineness * fineness)) as f32)
             })
             .collect();
         Self::new(size, texels)

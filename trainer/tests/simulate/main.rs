@@ -1,0 +1,4 @@
+//! `glint simulate`, from outside.
+
+mod mitsuba;
+mod program;
