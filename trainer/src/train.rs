@@ -16,10 +16,11 @@ use crate::progress::Progress;
 use crate::run_folder::{Manifest, RunFolder};
 use crate::stages::diffuse::{VertexColors, vertex_colors};
 use crate::stages::geometry::{self, Geometry};
-use crate::stages::linear::{self, DiffuseOrder, GAIN, Linear};
+use crate::stages::linear::{self, DiffuseOrder, GAIN, Linear, SRM_HEIGHT};
 use crate::stages::object::{DominantPlane, ObjectParts, Segment, WorldBox, find_object};
 use crate::stages::observe::{ColorView, Observations, PixelRules, Surface, observe};
 use crate::stages::poses;
+use crate::tradeoff::machine::rss_peak_mb;
 
 /// Every key of a training run, `config.toml`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -35,6 +36,12 @@ pub struct TrainConfig {
     pub voxel_mm: f64,
     /// Every how many pixels in x and y give a row.
     pub pixel_stride: u32,
+    /// Rows of the specular map, which is twice as wide.
+    #[serde(default = "usual_map_height")]
+    pub map_height: u32,
+    /// Every how many training frames one is used.
+    #[serde(default = "every_frame")]
+    pub frame_stride: u32,
     /// Treatment of D.
     pub diffuse: DiffuseOrder,
     /// Box that holds the object, world metres.
@@ -44,6 +51,14 @@ pub struct TrainConfig {
     pub seed: u64,
     /// Worker threads.
     pub threads: usize,
+}
+
+fn usual_map_height() -> u32 {
+    SRM_HEIGHT
+}
+
+fn every_frame() -> u32 {
+    1
 }
 
 /// What was left out and what remained, `geometry/object.json`.
@@ -72,6 +87,8 @@ pub struct TrainSummary {
     pub claimed_fraction: f64,
     /// Cost of the whole run.
     pub cost: Cost,
+    /// Largest resident memory, mebibytes.
+    pub rss_peak_mb: f64,
 }
 
 /// Name of the mesh inside a run folder: world positions, smoothed normals, segments.
@@ -132,6 +149,7 @@ pub fn train(
     let frames = stages.run("poses", |progress| {
         poses::run(&recording, &config.poses, folder, progress)
     })?;
+    let frames = poses::every_nth(frames, config.frame_stride)?;
 
     let (geometry, parts) = stages.run("geometry", |progress| {
         let voxel_size = (config.voxel_mm * 1e-3) as f32;
@@ -191,7 +209,13 @@ pub fn train(
     })?;
 
     let linear = stages.run("linear", |_| {
-        let linear = linear::solve(&surface, &observations, &colors, config.diffuse)?;
+        let linear = linear::solve(
+            &surface,
+            &observations,
+            &colors,
+            config.diffuse,
+            config.map_height,
+        )?;
         write_linear(folder, &surface, &linear)?;
         Ok(linear)
     })?;
@@ -217,6 +241,7 @@ pub fn train(
         rows: linear.summary.row_count,
         claimed_fraction: linear.summary.claimed_fraction,
         cost,
+        rss_peak_mb: rss_peak_mb(),
     })
 }
 
