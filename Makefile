@@ -4,7 +4,7 @@
 #   make test    the whole test suite (what CI runs)
 #   make lint    formatting and clippy, warnings are errors
 #   make soak    the recorder under load for 12 minutes: a late disk, busy loops, 200 kills
-#   make peers   comparisons with Open3D and Embree (installs them in .venv; needs ../shared/data)
+#   make peers   comparisons with Open3D, Embree and Mitsuba (installs them in .venv; needs ../shared/data)
 #   make clean   remove what the commands made
 
 SHELL := /bin/bash
@@ -74,10 +74,11 @@ soak: setup
 
 peers: setup
 	python3 -m venv .venv
-	.venv/bin/pip install --quiet open3d embreex numpy
+	.venv/bin/pip install --quiet open3d embreex mitsuba numpy
 	.venv/bin/python tests/peers/fusion_open3d.py ../shared/data/redkitchen
 	.venv/bin/python tests/peers/tracking_open3d.py ../shared/data/redkitchen
 	.venv/bin/python tests/peers/raycast_embree.py
+	.venv/bin/python tests/peers/radiance_mitsuba.py
 
 clean:
 	rm -rf $(DEMO) .venv

@@ -14,8 +14,10 @@ use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use effects::{Effect, EffectRequests, EffectsFile, Request};
 use serde_json::json;
 
+use crate::effects::EFFECTS_FILE;
 use crate::export::{ExportOptions, ExportTarget, LostData, export};
 use crate::import::{ImportFormat, ImportOptions, import};
 use crate::progress::Progress;
@@ -23,8 +25,8 @@ use crate::report;
 use crate::run_folder::RunFolder;
 use crate::stages::linear::{DiffuseOrder, MAP_HEIGHTS, SRM_HEIGHT};
 use crate::stages::object::WorldBox;
-use crate::stages::poses::default_set;
-use crate::train::{TrainConfig, train};
+use crate::stages::poses::{REFINED, default_set};
+use crate::train::{TrainConfig, explain, train};
 
 /// Finds the room in the reflections of a shiny object filmed with an RGB-D camera.
 #[derive(Debug, Parser)]
@@ -107,15 +109,31 @@ struct TrainArgs {
     /// The recording.
     recording: PathBuf,
     /// Run folder to make.
-    #[arg(short, long)]
-    output: PathBuf,
+    #[arg(short, long, required_unless_present = "dry_run")]
+    output: Option<PathBuf>,
     /// Profile.
     #[arg(long, value_enum, default_value = "draft")]
     profile: Profile,
     /// Poses to train from: source, live, another set of the recording, or refined, which starts from live (else
-    /// source) and makes them fit each other; when absent `source` if there is one, else refined.
+    /// source) and makes them fit each other; when absent `source` if there is one, else live, refined if the
+    /// recording calls for it.
     #[arg(long)]
     poses: Option<String>,
+    /// Effects that are computed: +id, -id, auto:id, all, none or auto, with commas between; the rest is decided by
+    /// what the recording shows.
+    #[arg(
+        long,
+        default_value = "",
+        hide_default_value = true,
+        allow_hyphen_values = true
+    )]
+    effects: EffectRequests,
+    /// Say for every effect what was decided, by what, and what it costs.
+    #[arg(long)]
+    explain: bool,
+    /// With --explain: survey and bounds only, nothing is trained or written.
+    #[arg(long, requires = "explain")]
+    dry_run: bool,
     /// Box that holds the object: x0,y0,z0,x1,y1,z1 in world metres.
     #[arg(long = "box", value_parser = parse_box, allow_hyphen_values = true)]
     object_box: Option<WorldBox>,
@@ -361,12 +379,21 @@ fn run_train(args: &TrainArgs, threads: usize, progress: &Progress) -> anyhow::R
         frame_stride: args.frame_stride,
         diffuse: args.diffuse,
         object_box: args.object_box,
+        effects: asked_effects(args)?,
         seed: args.seed,
         threads,
     };
-    let folder = RunFolder::create(&args.output, args.overwrite)?;
+    if args.dry_run {
+        let file = explain(&config, progress)?;
+        return Ok(Summary::whole(
+            explained(&file),
+            serde_json::to_value(&file)?,
+        ));
+    }
+    let output = args.output.as_ref().context("give a run folder with -o")?;
+    let folder = RunFolder::create(output, args.overwrite)?;
     let summary = train(&config, &folder, progress)?;
-    let text = format!(
+    let mut text = format!(
         "{}\n{} frames, {} triangles, {} rows; {:.1} % of the panorama claimed; {:.1} s wall, {:.1} core-seconds\n{}",
         summary.sentence,
         summary.frames,
@@ -375,9 +402,37 @@ fn run_train(args: &TrainArgs, threads: usize, progress: &Progress) -> anyhow::R
         100.0 * summary.claimed_fraction,
         summary.cost.wall_s,
         summary.cost.core_s,
-        args.output.display(),
+        output.display(),
     );
+    if args.explain {
+        let file: EffectsFile = folder.read_json(EFFECTS_FILE)?;
+        text = format!("{}\n{text}", explained(&file));
+    }
     Ok(Summary::whole(text, serde_json::to_value(&summary)?))
+}
+
+/// The effects asked for; poses that are named say whether they are refined.
+fn asked_effects(args: &TrainArgs) -> anyhow::Result<EffectRequests> {
+    let wish = args.effects.of(Effect::PoseRefinement);
+    match args.poses.as_deref() {
+        Some(REFINED) if wish == Request::Off => bail!(
+            "--poses {REFINED} and --effects -{} contradict each other: leave one out",
+            Effect::PoseRefinement
+        ),
+        Some(set) if wish == Request::Auto => {
+            let sign = if set == REFINED { '+' } else { '-' };
+            let effects = format!("{},{sign}{}", args.effects, Effect::PoseRefinement);
+            Ok(effects.trim_start_matches(',').parse()?)
+        }
+        Some(_) | None => Ok(args.effects.clone()),
+    }
+}
+
+/// One line for each effect, and the warnings.
+fn explained(file: &EffectsFile) -> String {
+    let lines = file.effects.iter().map(effects::explain::line);
+    let warnings = file.warnings.iter().map(|text| format!("note: {text}"));
+    lines.chain(warnings).collect::<Vec<_>>().join("\n")
 }
 
 fn run_report(args: &ReportArgs) -> anyhow::Result<Summary> {

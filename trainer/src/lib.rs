@@ -8,7 +8,8 @@
 //! use glint::{progress::Progress, run_folder::RunFolder, train::{TrainConfig, train}};
 //! let config = TrainConfig {
 //!     recording: "room.glint".into(), profile: "draft".into(), poses: "source".into(), voxel_mm: 2.0,
-//!     pixel_stride: 2, map_height: 250, frame_stride: 1, diffuse: Default::default(), object_box: None, seed: 1, threads: 2,
+//!     pixel_stride: 2, map_height: 250, frame_stride: 1, diffuse: Default::default(), object_box: None,
+//!     effects: Default::default(), seed: 1, threads: 2,
 //! };
 //! let folder = RunFolder::create("run".as_ref(), false).unwrap();
 //! let summary = train(&config, &folder, &Progress::silent()).unwrap();
@@ -28,6 +29,7 @@ pub mod budget;
 pub mod cli;
 pub mod clock;
 pub mod color;
+pub mod effects;
 pub mod eval;
 pub mod export;
 pub mod import;

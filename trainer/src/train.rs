@@ -1,8 +1,10 @@
 //! `glint train`: the stages one after the other, each with its outputs, cost and event.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
+use effects::{Counters, Effect, EffectRequests, EffectsFile, Habit, Verdict};
 use glam::DMat3;
 use imaging::{ConfidenceMap, Image, PanoramaAttributes, write_confidence_exr, write_rgb_exr};
 use raytrace::{MirrorQuery, Scene};
@@ -11,15 +13,17 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::clock::{Cost, Stopwatch};
+use crate::effects::{self as called, Decided, EFFECTS_FILE, EffectPlan};
 use crate::ply::{self, PlyMesh};
 use crate::progress::Progress;
 use crate::run_folder::{Manifest, RunFolder};
+use crate::stages::Refusal;
 use crate::stages::diffuse::{VertexColors, vertex_colors};
 use crate::stages::geometry::{self, Geometry};
 use crate::stages::linear::{self, DiffuseOrder, GAIN, Linear, SRM_HEIGHT};
 use crate::stages::object::{DominantPlane, ObjectParts, Segment, WorldBox, find_object};
-use crate::stages::observe::{ColorView, Observations, PixelRules, Surface, observe};
-use crate::stages::poses;
+use crate::stages::observe::{ColorView, FrameObservations, Observations, Surface, observe};
+use crate::stages::poses::{self, Posed, PosedFrame, REFINED};
 use crate::tradeoff::machine::rss_peak_mb;
 
 /// Every key of a training run, `config.toml`.
@@ -47,6 +51,9 @@ pub struct TrainConfig {
     /// Box that holds the object, world metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub object_box: Option<WorldBox>,
+    /// Effects asked for, as typed; the rest is decided by what the recording shows.
+    #[serde(default)]
+    pub effects: EffectRequests,
     /// Seed of the random plane search.
     pub seed: u64,
     /// Worker threads.
@@ -85,6 +92,10 @@ pub struct TrainSummary {
     pub rows: usize,
     /// Share of texels claimed.
     pub claimed_fraction: f64,
+    /// Verdict on every effect.
+    pub effects: BTreeMap<Effect, Verdict>,
+    /// What was computed for effects.
+    pub counters: Counters,
     /// Cost of the whole run.
     pub cost: Cost,
     /// Largest resident memory, mebibytes.
@@ -101,11 +112,13 @@ pub const MEDIAN_FILE: &str = "diffuse/median.ply";
 pub const SRM_FILE: &str = "linear/srm0.exr";
 /// Name of its confidence.
 pub const CONFIDENCE_FILE: &str = "linear/confidence.exr";
+/// Name of what was computed for effects.
+pub const COUNTERS_FILE: &str = "linear/counters.json";
 
 struct Stages<'a> {
     folder: &'a RunFolder,
     progress: &'a Progress,
-    costs: std::collections::BTreeMap<String, Cost>,
+    costs: BTreeMap<String, Cost>,
 }
 
 impl Stages<'_> {
@@ -126,12 +139,16 @@ impl Stages<'_> {
             cost.wall_s,
             cost.core_s
         );
-        self.costs.insert(name.to_owned(), cost);
+        // A stage that ran again on refined poses counts with all it took.
+        let sum = self.costs.entry(name.to_owned()).or_default();
+        sum.wall_s += cost.wall_s;
+        sum.core_s += cost.core_s;
         Ok(result)
     }
 }
 
-/// Trains in profile `draft` into `folder`. Reads training frames only.
+/// Trains in profile `draft` into `folder`. Reads training frames only. Verdicts of a run that was in the folder
+/// before stand where this one's evidence leaves them open.
 pub fn train(
     config: &TrainConfig,
     folder: &RunFolder,
@@ -139,75 +156,50 @@ pub fn train(
 ) -> anyhow::Result<TrainSummary> {
     let whole = Stopwatch::start();
     let recording = Recording::open(&config.recording)?;
+    let previous = called::previous_file(folder);
     folder.write("config.toml", toml::to_string(config)?.as_bytes())?;
     let mut stages = Stages {
         folder,
         progress,
-        costs: std::collections::BTreeMap::new(),
+        costs: BTreeMap::new(),
     };
+    let Called {
+        frames,
+        ground,
+        decided,
+        is_refined,
+    } = call(config, &recording, previous.as_ref(), &mut stages)?;
+    if is_refined && config.poses != REFINED {
+        let resolved = TrainConfig {
+            poses: REFINED.to_owned(),
+            ..config.clone()
+        };
+        folder.write("config.toml", toml::to_string(&resolved)?.as_bytes())?;
+    }
+    folder.write_json(EFFECTS_FILE, &decided.file)?;
+    for record in &decided.file.effects {
+        tracing::info!("{}", effects::explain::line(record));
+    }
+    for warning in &decided.file.warnings {
+        tracing::warn!("{warning}");
+    }
 
-    let frames = stages.run("poses", |progress| {
-        poses::run(&recording, &config.poses, folder, progress)
-    })?;
-    let frames = poses::every_nth(frames, config.frame_stride)?;
-
-    let (geometry, parts) = stages.run("geometry", |progress| {
-        let voxel_size = (config.voxel_mm * 1e-3) as f32;
-        let geometry = geometry::build(&recording, &frames, voxel_size, &mut |done, of| {
-            progress.step(done, of);
-        })?;
-        let parts = find_object(&geometry.mesh, config.object_box.as_ref(), config.seed);
-        write_geometry(folder, &geometry, &parts)?;
-        note_repeats("depth", geometry.summary.repeated_frame_count);
-        Ok((geometry, parts))
-    })?;
-    let Geometry {
-        mesh,
+    let Ground {
+        surface,
         normal_sigma,
-        summary: geometry_summary,
-    } = geometry;
-
-    let voxel_size = (config.voxel_mm * 1e-3) as f32;
-    let (surface, observations, colors) = stages.run("diffuse", |progress| {
-        let surface = Surface {
-            scene: Scene::new(&mesh.positions, &mesh.triangles)?,
-            mirror: MirrorQuery::for_fused(voxel_size),
-            positions: mesh.positions,
-            normals: mesh.normals,
-            triangles: mesh.triangles,
-            vertex_segment: parts.vertex_segment,
-            origin: mesh.origin,
-        };
-        let view = ColorView::new(&recording);
-        let rules = PixelRules {
-            stride: config.pixel_stride,
-            ..PixelRules::default()
-        };
-        let Observations {
-            frames: observations,
-            repeated_frame_count,
-        } = observe(
+        triangle_count,
+    } = ground;
+    let (observations, colors) = stages.run("diffuse", |progress| {
+        look(
+            config,
             &recording,
-            &view,
-            &surface,
-            &normal_sigma,
+            &decided.plan,
+            (&surface, &normal_sigma),
             &frames,
-            &rules,
-            &|done, of| progress.step(done, of),
-        )?;
-        let colors = vertex_colors(&surface, &observations);
-        write_colors(folder, &surface, &colors)?;
-        note_repeats("colour", repeated_frame_count);
-        folder.write_json(
-            "diffuse/summary.json",
-            &json!({
-                "frame_count": observations.len(),
-                "repeated_frame_count": repeated_frame_count,
-            }),
-        )?;
-        Ok((surface, observations, colors))
+            folder,
+            progress,
+        )
     })?;
-
     let linear = stages.run("linear", |_| {
         let linear = linear::solve(
             &surface,
@@ -215,10 +207,16 @@ pub fn train(
             &colors,
             config.diffuse,
             config.map_height,
+            &decided.plan,
         )?;
         write_linear(folder, &surface, &linear)?;
         Ok(linear)
     })?;
+    let mut counters = linear.counters.clone();
+    for frame in &observations {
+        counters += &frame.counters;
+    }
+    folder.write_json(COUNTERS_FILE, &counters)?;
 
     let cost = whole.cost();
     folder.write_json(
@@ -237,12 +235,247 @@ pub fn train(
         sentence: linear.summary.sentence.clone(),
         found_specular: linear.summary.found_specular,
         frames: frames.len(),
-        triangles: geometry_summary.triangle_count,
+        triangles: triangle_count,
         rows: linear.summary.row_count,
         claimed_fraction: linear.summary.claimed_fraction,
+        effects: verdicts(&decided.file),
+        counters,
         cost,
         rss_peak_mb: rss_peak_mb(),
     })
+}
+
+fn verdicts(file: &EffectsFile) -> BTreeMap<Effect, Verdict> {
+    let records = file.effects.iter();
+    records.map(|record| (record.id, record.verdict)).collect()
+}
+
+/// The surface that everything else stands on.
+struct Ground {
+    surface: Surface,
+    normal_sigma: Vec<f32>,
+    triangle_count: usize,
+}
+
+/// What the recording calls for, and what it was found out on.
+struct Called {
+    frames: Vec<PosedFrame>,
+    ground: Ground,
+    decided: Decided,
+    is_refined: bool,
+}
+
+/// Poses, geometry and verdicts; once more on refined poses where those are called for.
+fn call(
+    config: &TrainConfig,
+    recording: &Recording,
+    previous: Option<&EffectsFile>,
+    stages: &mut Stages<'_>,
+) -> anyhow::Result<Called> {
+    let folder = stages.folder;
+    let wish = config.effects.of(Effect::PoseRefinement);
+    let is_asked = wish == effects::Request::On || config.poses == REFINED;
+    let mut requests = config.effects.clone();
+    if is_asked {
+        requests = format!("{requests},+pose-refinement")
+            .trim_matches(',')
+            .parse()?;
+    }
+    let posed = |stages: &mut Stages<'_>, refines: bool| {
+        stages.run("poses", |progress| {
+            let posed = poses::run(recording, &config.poses, refines, folder, progress)?;
+            Ok(Posed {
+                frames: poses::every_nth(posed.frames, config.frame_stride)?,
+                ..posed
+            })
+        })
+    };
+    let deciding = |stages: &mut Stages<'_>, ground: &Ground, posed: &Posed| {
+        stages.run("effects", |_| {
+            let request = called::Request {
+                requests: &requests,
+                habit: Habit::Cheap,
+                previous,
+                refinement: posed.refinement.as_ref(),
+                compares: true,
+                stride: config.pixel_stride,
+                seed: config.seed,
+            };
+            called::decide(recording, &ground.surface, &posed.frames, &request)
+        })
+    };
+    let first = posed(stages, is_asked)?;
+    let built = ground(config, recording, &first.frames, stages);
+    let is_open = wish == effects::Request::Auto && !is_asked;
+    let (ground_of_first, decided) = match built {
+        Err(error) if is_open && fits_badly(&error) => (None, None),
+        built => {
+            let built = built?;
+            let decided = deciding(stages, &built, &first)?;
+            (Some(built), Some(decided))
+        }
+    };
+    if let (Some(ground), Some(decided)) = (ground_of_first, decided) {
+        if !(decided.wants_refinement && is_open) {
+            let is_refined = first.refinement.is_some();
+            return Ok(Called {
+                frames: first.frames,
+                ground,
+                decided,
+                is_refined,
+            });
+        }
+        let second = posed(stages, true)?;
+        match &second.refinement {
+            Some(summary) if !summary.is_used => {
+                return Ok(Called {
+                    frames: first.frames,
+                    ground,
+                    decided: decided.without_refinement(summary),
+                    is_refined: false,
+                });
+            }
+            _ => return on_refined(config, recording, second, stages, &deciding),
+        }
+    }
+    let second = posed(stages, true)?;
+    on_refined(config, recording, second, stages, &deciding)
+}
+
+/// Geometry and verdicts on refined poses.
+fn on_refined(
+    config: &TrainConfig,
+    recording: &Recording,
+    posed: Posed,
+    stages: &mut Stages<'_>,
+    deciding: &dyn Fn(&mut Stages<'_>, &Ground, &Posed) -> anyhow::Result<Decided>,
+) -> anyhow::Result<Called> {
+    let ground = ground(config, recording, &posed.frames, stages)?;
+    let decided = deciding(stages, &ground, &posed)?;
+    Ok(Called {
+        frames: posed.frames,
+        ground,
+        decided,
+        is_refined: true,
+    })
+}
+
+fn fits_badly(error: &anyhow::Error) -> bool {
+    matches!(
+        error.downcast_ref::<Refusal>(),
+        Some(Refusal::PosesDoNotFit { .. })
+    )
+}
+
+/// Stage `geometry`: the surface of the frames, cut into what is the object and what is not.
+fn ground(
+    config: &TrainConfig,
+    recording: &Recording,
+    frames: &[PosedFrame],
+    stages: &mut Stages<'_>,
+) -> anyhow::Result<Ground> {
+    let folder = stages.folder;
+    let voxel_size = (config.voxel_mm * 1e-3) as f32;
+    stages.run("geometry", |progress| {
+        let geometry = geometry::build(recording, frames, voxel_size, &mut |done, of| {
+            progress.step(done, of);
+        })?;
+        let parts = find_object(&geometry.mesh, config.object_box.as_ref(), config.seed);
+        write_geometry(folder, &geometry, &parts)?;
+        note_repeats("depth", geometry.summary.repeated_frame_count);
+        surface_of(geometry, parts, voxel_size)
+    })
+}
+
+fn surface_of(geometry: Geometry, parts: ObjectParts, voxel_size: f32) -> anyhow::Result<Ground> {
+    let mesh = geometry.mesh;
+    Ok(Ground {
+        surface: Surface {
+            scene: Scene::new(&mesh.positions, &mesh.triangles)?,
+            mirror: MirrorQuery::for_fused(voxel_size),
+            positions: mesh.positions,
+            normals: mesh.normals,
+            triangles: mesh.triangles,
+            vertex_segment: parts.vertex_segment,
+            origin: mesh.origin,
+        },
+        normal_sigma: geometry.normal_sigma,
+        triangle_count: geometry.summary.triangle_count,
+    })
+}
+
+/// Stage `diffuse`: pixels and colours of the training frames.
+fn look(
+    config: &TrainConfig,
+    recording: &Recording,
+    plan: &EffectPlan,
+    (surface, normal_sigma): (&Surface, &[f32]),
+    frames: &[PosedFrame],
+    folder: &RunFolder,
+    progress: &Progress,
+) -> anyhow::Result<(Vec<FrameObservations>, VertexColors)> {
+    let Observations {
+        frames: observations,
+        repeated_frame_count,
+    } = observe(
+        recording,
+        &ColorView::with_effects(recording, plan.computed),
+        surface,
+        normal_sigma,
+        frames,
+        &plan.pixel_rules(config.pixel_stride),
+        &|done, of| progress.step(done, of),
+    )?;
+    let colors = vertex_colors(surface, &observations);
+    write_colors(folder, surface, &colors)?;
+    note_repeats("colour", repeated_frame_count);
+    folder.write_json(
+        "diffuse/summary.json",
+        &json!({
+            "frame_count": observations.len(),
+            "repeated_frame_count": repeated_frame_count,
+        }),
+    )?;
+    Ok((observations, colors))
+}
+
+/// What `--explain --dry-run` says: verdicts by survey and bounds on a coarse surface; nothing is written.
+///
+/// # Errors
+/// As training, before its first solve.
+pub fn explain(config: &TrainConfig, progress: &Progress) -> anyhow::Result<EffectsFile> {
+    let recording = Recording::open(&config.recording)?;
+    let set = poses::start_set(&recording, &config.poses)?;
+    let frames = poses::training_frames(&recording, set)?;
+    progress.stage("geometry");
+    let voxel_size = (DRY_RUN_VOXELS * config.voxel_mm * 1e-3) as f32;
+    let some = every_nth(&frames, DRY_RUN_FRAMES);
+    let geometry = geometry::build(&recording, &some, voxel_size, &mut |done, of| {
+        progress.step(done, of);
+    })?;
+    let parts = find_object(&geometry.mesh, config.object_box.as_ref(), config.seed);
+    let ground = surface_of(geometry, parts, voxel_size)?;
+    progress.stage("effects");
+    let request = called::Request {
+        requests: &config.effects,
+        habit: Habit::Cheap,
+        previous: None,
+        refinement: None,
+        compares: false,
+        stride: config.pixel_stride,
+        seed: config.seed,
+    };
+    Ok(called::decide(&recording, &ground.surface, &frames, &request)?.file)
+}
+
+/// Voxels of a dry run over those of training.
+const DRY_RUN_VOXELS: f64 = 2.0;
+/// Frames that its surface is made from.
+const DRY_RUN_FRAMES: usize = 60;
+
+fn every_nth(frames: &[PosedFrame], count: usize) -> Vec<PosedFrame> {
+    let step = frames.len().div_ceil(count).max(1);
+    frames.iter().step_by(step).copied().collect()
 }
 
 /// Says how many frames were left out as repeats.

@@ -138,7 +138,7 @@ impl FromStr for Effect {
 }
 
 /// Which effects are computed.
-#[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct EffectSet(u32);
 
 impl EffectSet {

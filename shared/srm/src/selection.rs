@@ -194,6 +194,14 @@ pub struct Choice {
     pub held_out_sigma: f64,
 }
 
+/// Held-out errors of one trial by segment.
+struct Errors {
+    /// Over all judged rows.
+    all: BTreeMap<u16, HeldOut>,
+    /// Over those that reflect the room.
+    free: BTreeMap<u16, HeldOut>,
+}
+
 /// Solves the fit rows for each weight, judges on the held-out frames, and decides weight and segments.
 ///
 /// `weights`, ascending and not empty, are tried in order, each from the solution of the one before. Of those
@@ -215,12 +223,16 @@ pub fn choose(
     let scale = settings.residual_scale;
     let judged =
         |solution: &Solution| held_out(&problem, &judge, &solution.unknowns, &known, scale);
+    // A row whose mirrored ray is blocked says nothing of S: it would only thin out what the others say.
+    let free = judge.filtered(|row| row.taps != [0.0; 4]);
+    let judged_free =
+        |solution: &Solution| held_out(&problem, &free, &solution.unknowns, &known, scale);
     let alone = problem.solve(&JointSettings {
         diffuse: DiffuseTreatment::Alone,
         ..settings.clone()
     });
-    let alone = judged(&alone);
-    let mut trials: Vec<(WeightTrial, BTreeMap<u16, HeldOut>)> = Vec::new();
+    let alone = judged_free(&alone);
+    let mut trials: Vec<(WeightTrial, Errors)> = Vec::new();
     let mut start = vec![[0.0; 3]; problem.unknown_count()];
     for &weight in weights {
         let settings = JointSettings {
@@ -229,9 +241,13 @@ pub fn choose(
         };
         let solution = problem.solve_from(&settings, start);
         // A weight is judged by its S: the darkening of D is its price for the split, not an error of S.
-        let joint = judged(&problem.refit_diffuse(&solution, &settings));
+        let refitted = problem.refit_diffuse(&solution, &settings);
+        let joint = Errors {
+            all: judged(&refitted),
+            free: judged_free(&refitted),
+        };
         start = solution.unknowns;
-        let (error, sigma) = pooled(&joint, |_| true);
+        let (error, sigma) = pooled(&joint.all, |_| true);
         trials.push((
             WeightTrial {
                 weight,
@@ -255,13 +271,13 @@ pub fn choose(
         Some((beyond, _)) => weight_at(limit, chosen, beyond),
         None => chosen.weight,
     };
-    let segments = judge_segments(&alone, joint);
+    let segments = judge_segments(&alone, &joint.free);
     let specular = |segment: u16| {
         segments
             .iter()
             .any(|s| s.segment == segment && s.is_specular)
     };
-    let (_, held_out_sigma) = pooled(joint, specular);
+    let (_, held_out_sigma) = pooled(&joint.all, specular);
     Ok(Choice {
         trials: trials.iter().map(|(trial, _)| *trial).collect(),
         weight,

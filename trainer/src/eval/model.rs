@@ -1,5 +1,7 @@
 //! A trained run in memory, and views drawn from it.
 
+use std::collections::BTreeMap;
+
 use anyhow::Context as _;
 use geometry::{Intrinsics, PanoramaSize, Pose};
 use glam::Vec3;
@@ -7,6 +9,7 @@ use imaging::{Image, LinearImage, read_rgb_exr};
 use rayon::prelude::*;
 use raytrace::{Hit, MirrorQuery, Scene, visibility_buffer};
 
+use crate::effects::FresnelFit;
 use crate::ply::{self, PlyMesh};
 use crate::run_folder::RunFolder;
 use crate::stages::geometry::GeometrySummary;
@@ -30,6 +33,8 @@ pub struct Model {
     pub specular_segments: Vec<u16>,
     /// Reflectance of every segment, by its number; 0 where it does not reflect.
     reflectance: Vec<f32>,
+    /// Rise of the reflectance of the segments that have one.
+    fresnel: BTreeMap<u16, FresnelFit>,
 }
 
 /// One drawn view, linear radiance a pixel.
@@ -66,6 +71,11 @@ impl Model {
         for segment in summary.segments.iter().filter(|s| s.is_specular) {
             reflectance[usize::from(segment.id)] = GAIN * segment.relative_gain;
         }
+        let fresnel = summary
+            .segments
+            .iter()
+            .filter_map(|s| Some((s.id, s.fresnel?)))
+            .collect();
         let specular_segments = summary
             .segments
             .iter()
@@ -97,6 +107,7 @@ impl Model {
             panorama,
             specular_segments,
             reflectance,
+            fresnel,
         })
     }
 
@@ -121,7 +132,8 @@ impl Model {
 
     /// Radiance of the composition at a hit seen from `eye` (surface axes).
     pub fn shade(&self, hit: &Hit, eye: Vec3) -> [f32; 3] {
-        let gain = self.reflectance[usize::from(self.surface.segment(hit.triangle))];
+        let segment = self.surface.segment(hit.triangle);
+        let gain = self.reflectance[usize::from(segment)];
         if gain <= 0.0 {
             return self.color_at(&self.median, hit);
         }
@@ -133,6 +145,8 @@ impl Model {
             Some(bounce) => self.color_at(&self.median, bounce),
             None => self.reflected_radiance(mirrored.direction),
         };
+        let rise = self.fresnel.get(&segment);
+        let gain = gain * rise.map_or(1.0, |rise| rise.factor(mirrored.cosine));
         [0, 1, 2].map(|c| diffuse[c] + gain * reflected[c])
     }
 

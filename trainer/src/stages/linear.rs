@@ -4,13 +4,16 @@ use std::collections::BTreeMap;
 
 use anyhow::Context as _;
 use clap::ValueEnum;
+use effects::{Counters, Effect};
 use geometry::PanoramaSize;
 use serde::{Deserialize, Serialize};
 use srm::selection::{self, SegmentVerdict, WeightTrial};
-use srm::{Confidence, DiffuseTreatment, JointSettings, Problem, Row, Rows, Solution};
+use srm::{Confidence, DiffuseTreatment, JointSettings, Problem, Rows, Solution};
 
 use super::diffuse::VertexColors;
-use super::observe::{FrameObservations, ObjectPixel, Surface};
+use super::observe::{FrameObservations, Surface};
+use super::rows::{CompactVertices, RowMaker};
+use crate::effects::{EffectPlan, FresnelFit};
 
 /// Reflectance that the map assumes for every shiny surface. One map cannot tell it: its value only
 /// scales S (srm-feasibility section 5).
@@ -103,6 +106,9 @@ pub struct SegmentSummary {
     pub is_specular: bool,
     /// What it reflects of the map over the common gain; 1 where it was not measured.
     pub relative_gain: f32,
+    /// How its reflectance rises towards grazing angles; absent where that is not modelled.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fresnel: Option<FresnelFit>,
 }
 
 /// The solved stage.
@@ -117,6 +123,8 @@ pub struct Linear {
     pub specular_segments: Vec<u16>,
     /// Size of the map.
     pub panorama: PanoramaSize,
+    /// What was computed.
+    pub counters: Counters,
     /// Figures.
     pub summary: LinearSummary,
 }
@@ -139,26 +147,6 @@ fn choice_settings() -> JointSettings {
     settings
 }
 
-/// The object's vertices numbered from 0 in the order of the mesh.
-struct CompactVertices {
-    compact: Vec<u32>,
-    full: Vec<u32>,
-}
-
-impl CompactVertices {
-    fn new(surface: &Surface) -> Self {
-        let mut compact = vec![u32::MAX; surface.positions.len()];
-        let mut full = Vec::new();
-        for (vertex, &segment) in surface.vertex_segment.iter().enumerate() {
-            if segment != 0 {
-                compact[vertex] = full.len() as u32;
-                full.push(vertex as u32);
-            }
-        }
-        Self { compact, full }
-    }
-}
-
 /// Heights that a map may have.
 pub const MAP_HEIGHTS: std::ops::RangeInclusive<u32> = 16..=1000;
 
@@ -172,6 +160,7 @@ pub fn solve(
     colors: &VertexColors,
     order: DiffuseOrder,
     map_height: u32,
+    plan: &EffectPlan,
 ) -> anyhow::Result<Linear> {
     let panorama = PanoramaSize::from_height(map_height)
         .filter(|_| MAP_HEIGHTS.contains(&map_height))
@@ -180,13 +169,24 @@ pub fn solve(
             format!("a map of {map_height} rows cannot be solved: give {least} to {most}")
         })?;
     let vertices = CompactVertices::new(surface);
-    let rows = rows(surface, observations, colors, &vertices, panorama);
+    let maker = RowMaker {
+        surface,
+        colors,
+        vertices: &vertices,
+        panorama,
+        plan,
+    };
+    let mut counters = Counters::default();
+    let mut rows = maker.rows(observations, None, &mut counters);
     let object_count: usize = observations.iter().map(|frame| frame.object_count).sum();
     let dropped: usize = observations.iter().map(|frame| frame.dropped_count).sum();
     let dropped_fraction = dropped as f64 / object_count.max(1) as f64;
     if rows.is_empty() {
-        let sentence =
-            "nothing specular was found: no part of the surface stands out from its planes";
+        let sentence = if plan.is_specular {
+            "nothing specular was found: no part of the surface stands out from its planes"
+        } else {
+            "nothing specular was found: no part of the object changes its look with the view"
+        };
         return Ok(black(
             surface,
             colors,
@@ -241,6 +241,14 @@ pub fn solve(
             &segments,
         ));
     }
+    if plan.computed.contains(Effect::FirstBounceSpecular) {
+        // Only now is it known which first bounces mirror.
+        rows = maker.rows(
+            observations,
+            Some(&specular_segments),
+            &mut Counters::default(),
+        );
+    }
     let shiny = rows.filtered(|row| specular_segments.contains(&row.segment));
     let diffuse_weight = choice.weight / scale;
     let solved_weight = diffuse_weight * per_vertex(&shiny) / STATED_ROWS_PER_VERTEX;
@@ -287,6 +295,7 @@ pub fn solve(
     };
     for segment in &mut segments {
         segment.relative_gain = gains.get(&segment.id).map_or(1.0, |&gain| gain as f32);
+        segment.fresnel = plan.fresnel_of(segment.id).copied();
     }
     let share = |count: usize| count as f64 / problem.rows().len() as f64;
     let clipped = problem.rows().iter().filter(|row| row.clipped != 0).count();
@@ -339,6 +348,7 @@ pub fn solve(
         ),
         specular_segments,
         panorama,
+        counters,
         summary,
     })
 }
@@ -371,57 +381,7 @@ fn segment_summary(verdict: &SegmentVerdict) -> SegmentSummary {
         joint_error: verdict.joint_error,
         is_specular: verdict.is_specular,
         relative_gain: 1.0,
-    }
-}
-
-/// The rows of all frames, in order.
-fn rows(
-    surface: &Surface,
-    observations: &[FrameObservations],
-    colors: &VertexColors,
-    vertices: &CompactVertices,
-    panorama: PanoramaSize,
-) -> Rows {
-    let mut rows = Rows::default();
-    for frame in observations {
-        for pixel in &frame.pixels {
-            rows.push(row(surface, pixel, frame.frame, colors, vertices, panorama));
-        }
-    }
-    rows
-}
-
-fn row(
-    surface: &Surface,
-    pixel: &ObjectPixel,
-    frame: u32,
-    colors: &VertexColors,
-    vertices: &CompactVertices,
-    panorama: PanoramaSize,
-) -> Row {
-    let hit = &pixel.hit;
-    let taps = panorama.taps(pixel.reflected.as_dvec3());
-    let (tap_weights, known) = match &pixel.first_bounce {
-        None => (taps.weights.map(|w| w * GAIN), [0.0; 3]),
-        Some(bounce) => {
-            let [a, b, c] =
-                surface.triangles[bounce.triangle as usize].map(|v| colors.median[v as usize]);
-            let radiance = [0, 1, 2]
-                .map(|i| a[i] * (1.0 - bounce.u - bounce.v) + b[i] * bounce.u + c[i] * bounce.v);
-            ([0.0; 4], radiance.map(|value| value * GAIN))
-        }
-    };
-    Row {
-        vertices: surface.triangles[hit.triangle as usize].map(|v| vertices.compact[v as usize]),
-        barycentric: [1.0 - hit.u - hit.v, hit.u, hit.v],
-        texels: taps.texels,
-        taps: tap_weights,
-        observed: pixel.linear,
-        known,
-        weight: pixel.weight,
-        clipped: pixel.clipped,
-        frame,
-        segment: pixel.segment,
+        fresnel: None,
     }
 }
 
@@ -468,6 +428,7 @@ fn black(
         diffuse: colors.median.clone(),
         specular_segments: Vec::new(),
         panorama,
+        counters: Counters::default(),
         summary: LinearSummary {
             found_specular: false,
             sentence: sentence.to_owned(),

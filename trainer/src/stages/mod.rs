@@ -6,6 +6,8 @@ pub mod linear;
 pub mod object;
 pub mod observe;
 pub mod poses;
+pub mod rows;
+pub mod surface;
 
 /// Sentences that training ends with when the input cannot be used; the exit code is 2.
 #[derive(Debug, thiserror::Error)]

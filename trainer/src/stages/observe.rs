@@ -2,33 +2,17 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use geometry::{DVec3, Intrinsics, Pose};
+use effects::{Counters, Effect, EffectSet};
+use geometry::{Intrinsics, Pose};
 use glam::Vec3;
-use imaging::{Corrector, Radiance, develop};
+use imaging::{Corrector, Radiance, Response, Vignetting, develop};
 use rayon::prelude::*;
-use raytrace::{Hit, MirrorQuery, NO_TRIANGLE, Scene, VisibilityBuffer, visibility_buffer};
+use raytrace::{Hit, NO_TRIANGLE, VisibilityBuffer, visibility_buffer};
 use sequence::{ColorEncoding, Recording};
 
 use super::geometry::{depth_of, depth_tolerance};
 use super::poses::{PosedFrame, without_repeats};
-
-/// The fused surface with what is needed to shade it. Positions count from `origin`.
-pub struct Surface {
-    /// Vertex positions, metres.
-    pub positions: Vec<Vec3>,
-    /// Unit vertex normals.
-    pub normals: Vec<Vec3>,
-    /// Vertex indices.
-    pub triangles: Vec<[u32; 3]>,
-    /// Segment of every vertex, 0 = not the object.
-    pub vertex_segment: Vec<u16>,
-    /// World position of the mesh's zero.
-    pub origin: DVec3,
-    /// The ray tracer's view of it.
-    pub scene: Scene,
-    /// Start and least distance of mirrored rays.
-    pub mirror: MirrorQuery,
-}
+pub use super::surface::{Mirrored, MirroredRay, Surface, hit_at};
 
 /// The colour camera of a recording, ready to correct and to encode.
 pub struct ColorView {
@@ -47,7 +31,11 @@ pub struct ObjectPixel {
     pub hit: Hit,
     /// Unit mirrored direction, world axes.
     pub reflected: Vec3,
-    /// Where the mirrored ray meets the surface again, if it does.
+    /// Cosine between normal and outgoing direction.
+    pub cosine: f32,
+    /// Whether the mirrored ray meets the surface again; never where visibility is not computed.
+    pub is_blocked: bool,
+    /// Where it does, where first bounces are computed.
     pub first_bounce: Option<Hit>,
     /// Linear radiance.
     pub linear: [f32; 3],
@@ -79,8 +67,13 @@ pub struct FrameObservations {
     pub frame: u32,
     /// Pixels that reflect, in scan order.
     pub pixels: Vec<ObjectPixel>,
+    /// Second mirrored directions that leave the scene: position among `pixels`, in order. Only where specular first
+    /// bounces are computed.
+    pub second: Vec<(u32, Vec3)>,
     /// Colours of vertices, in scan order.
     pub samples: Vec<VertexSample>,
+    /// What was computed.
+    pub counters: Counters,
     /// Pixels of the object that were looked at.
     pub object_count: usize,
     /// Of these, lost to silhouettes, slant or unsure normals.
@@ -96,9 +89,13 @@ pub struct Observations {
     pub repeated_frame_count: usize,
 }
 
-/// Which pixels are used.
+/// Which pixels are used, and what is computed for them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelRules {
+    /// The effects that are computed.
+    pub effects: EffectSet,
+    /// Whether anything may be specular: else pixels are not mirrored at all.
+    pub is_specular: bool,
     /// Every how many pixels in x and y, with an offset that cycles over frames.
     pub stride: u32,
     /// Smallest cosine between normal and outgoing direction.
@@ -112,6 +109,8 @@ pub struct PixelRules {
 impl Default for PixelRules {
     fn default() -> Self {
         Self {
+            effects: EffectSet::all(),
+            is_specular: true,
             stride: 2,
             least_cosine: 0.2,
             erosion: 2,
@@ -126,11 +125,26 @@ const VISIBILITY_EDGE_WEIGHT: f32 = 0.25;
 impl ColorView {
     /// From the description in a recording.
     pub fn new(recording: &Recording) -> Self {
+        Self::with_effects(recording, EffectSet::all())
+    }
+
+    /// The same with the camera's response and vignetting corrected only where they are among the effects.
+    pub fn with_effects(recording: &Recording, effects: EffectSet) -> Self {
         let description = recording.color_camera();
         let camera = description.intrinsics;
+        let response = if effects.contains(Effect::Response) {
+            description.response()
+        } else {
+            Response::identity()
+        };
+        let vignetting = if effects.contains(Effect::Vignetting) {
+            description.vignetting()
+        } else {
+            Vignetting::none()
+        };
         let corrector = Corrector::new(
-            &description.response(),
-            &description.vignetting(),
+            &response,
+            &vignetting,
             camera.width(),
             camera.height(),
             description.relative_exposure,
@@ -164,73 +178,6 @@ impl ColorView {
             }
         })
     }
-}
-
-impl Surface {
-    /// The segment of a triangle: that of its vertices where they agree, else 0.
-    pub fn segment(&self, triangle: u32) -> u16 {
-        let [a, b, c] = self.triangles[triangle as usize].map(|v| self.vertex_segment[v as usize]);
-        if a == b && b == c { a } else { 0 }
-    }
-
-    /// A per-vertex value at a hit.
-    pub fn interpolate(&self, values: &[Vec3], hit: &Hit) -> Vec3 {
-        let [a, b, c] = self.triangles[hit.triangle as usize].map(|v| values[v as usize]);
-        a * (1.0 - hit.u - hit.v) + b * hit.u + c * hit.v
-    }
-
-    /// Unit geometric normal of a triangle, turned to the side of its vertex normals.
-    pub fn geometric_normal(&self, triangle: u32) -> Vec3 {
-        let [a, b, c] = self.triangles[triangle as usize].map(|v| self.positions[v as usize]);
-        (b - a).cross(c - a).normalize_or_zero()
-    }
-
-    /// The mirrored direction and first bounce at a hit, seen from `eye` (surface axes); `None` where the
-    /// interpolated normal faces away or is too slanted.
-    pub fn mirror(&self, hit: &Hit, eye: Vec3, least_cosine: f32) -> Option<Mirrored> {
-        let position = self.interpolate(&self.positions, hit);
-        let shading_normal = self.interpolate(&self.normals, hit).try_normalize()?;
-        let outgoing = (eye - position).try_normalize()?;
-        let cosine = shading_normal.dot(outgoing);
-        let geometric_normal = self.geometric_normal(hit.triangle);
-        if cosine < least_cosine || geometric_normal.dot(outgoing) <= 0.0 {
-            return None;
-        }
-        let reflection = self.mirror.reflect(
-            &self.scene,
-            position,
-            geometric_normal,
-            shading_normal,
-            outgoing,
-        );
-        Some(Mirrored {
-            cosine,
-            direction: reflection.direction,
-            first_bounce: reflection.first_bounce,
-        })
-    }
-}
-
-/// A mirrored view ray.
-#[derive(Clone, Copy, Debug)]
-pub struct Mirrored {
-    /// Cosine between normal and outgoing direction.
-    pub cosine: f32,
-    /// Unit direction, world axes.
-    pub direction: Vec3,
-    /// What it meets.
-    pub first_bounce: Option<Hit>,
-}
-
-/// The hit of a pixel of a visibility buffer.
-pub fn hit_at(buffer: &VisibilityBuffer, index: usize) -> Option<Hit> {
-    let triangle = buffer.triangle[index];
-    (triangle != NO_TRIANGLE).then(|| Hit {
-        triangle,
-        t: buffer.depth[index],
-        u: buffer.u[index],
-        v: buffer.v[index],
-    })
 }
 
 /// Looks at all frames, in parallel over frames; colour that repeats the frame before is left out.
@@ -290,6 +237,7 @@ fn observe_frame(
     );
     let (width, height) = (view.camera.width(), view.camera.height());
     let eye = pose.translation().as_vec3();
+    let marks_saturation = rules.effects.contains(Effect::Saturation);
     let mut result = FrameObservations {
         frame: frame.index as u32,
         ..FrameObservations::default()
@@ -318,7 +266,7 @@ fn observe_frame(
                 continue;
             }
             let linear = radiance.linear.at(x, y);
-            let saturated = radiance.saturated.at(x, y);
+            let saturated = marks_saturation && radiance.saturated.at(x, y);
             let [a, b, c] = surface.triangles[hit.triangle as usize];
             let nearest = if hit.u + hit.v < 0.5 {
                 a
@@ -346,18 +294,24 @@ fn observe_frame(
                     .get(v as usize)
                     .is_none_or(|&s| s <= rules.largest_normal_sigma)
             });
-            let mirrored =
-                (sure && normal_is_sure).then(|| surface.mirror(&hit, eye, rules.least_cosine));
+            let mirrored = (sure && normal_is_sure && rules.is_specular)
+                .then(|| surface.mirror_ray(&hit, eye, rules.least_cosine));
             let Some(mirrored) = mirrored.flatten() else {
                 result.dropped_count += 1;
                 continue;
             };
-            visibility[row * grid_width + column] = 1 + u8::from(mirrored.first_bounce.is_some());
+            let met = follow(surface, &mirrored, rules.effects, &mut result.counters);
+            visibility[row * grid_width + column] = 1 + u8::from(met.is_blocked);
             cells.push((row, column));
+            if let Some(direction) = met.second {
+                result.second.push((result.pixels.len() as u32, direction));
+            }
             result.pixels.push(ObjectPixel {
                 hit,
-                reflected: mirrored.direction,
-                first_bounce: mirrored.first_bounce,
+                reflected: mirrored.ray.direction,
+                cosine: mirrored.cosine,
+                is_blocked: met.is_blocked,
+                first_bounce: met.first_bounce,
                 linear,
                 clipped: if saturated { 0b111 } else { 0 },
                 weight: 1.0,
@@ -365,6 +319,10 @@ fn observe_frame(
             });
         }
     }
+    result.counters.add_bytes(
+        Effect::FirstBounceSpecular,
+        std::mem::size_of_val(result.second.as_slice()),
+    );
     for (pixel, &(row, column)) in result.pixels.iter_mut().zip(&cells) {
         let own = visibility[row * grid_width + column];
         let neighbours = [
@@ -384,6 +342,48 @@ fn observe_frame(
         }
     }
     Ok(result)
+}
+
+/// What a mirrored ray met, as far as the effects ask.
+struct Met {
+    is_blocked: bool,
+    first_bounce: Option<Hit>,
+    second: Option<Vec3>,
+}
+
+/// Follows a mirrored ray as far as the effects ask: not at all, to whether anything is there, to what it is, or to
+/// where that mirrors it.
+fn follow(
+    surface: &Surface,
+    mirrored: &MirroredRay,
+    effects: EffectSet,
+    counters: &mut Counters,
+) -> Met {
+    let mut met = Met {
+        is_blocked: false,
+        first_bounce: None,
+        second: None,
+    };
+    if !effects.contains(Effect::Visibility) {
+        return met;
+    }
+    if !effects.contains(Effect::FirstBounce) {
+        counters.rays_occlusion += 1;
+        met.is_blocked = surface.scene.is_blocked(&mirrored.ray);
+        return met;
+    }
+    counters.rays_closest += 1;
+    met.first_bounce = surface.scene.closest(&mirrored.ray);
+    met.is_blocked = met.first_bounce.is_some();
+    counters.first_bounce_pixels += u64::from(met.is_blocked);
+    if effects.contains(Effect::FirstBounceSpecular)
+        && let Some(bounce) = &met.first_bounce
+        && surface.segment(bounce.triangle) != 0
+    {
+        counters.rays_occlusion += 1;
+        met.second = surface.second_mirror(bounce, mirrored.ray.origin);
+    }
+    met
 }
 
 /// Whether the depth image, where it measured, saw the same surface: something in front (a hand) or a

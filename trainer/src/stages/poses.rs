@@ -64,37 +64,43 @@ struct StoredPose {
     rotation: [f64; 4],
 }
 
-/// The set that training takes when none is named: `source` where there is one, else `refined`.
+/// The set that training starts from when none is named: `source` where there is one, else `live`. Whether it is
+/// refined is an effect's verdict.
 pub fn default_set(recording: &Recording) -> &'static str {
     if recording.poses("source").is_some() {
         "source"
     } else {
-        REFINED
+        "live"
     }
 }
 
-/// The stage: the training frames with their poses of `set`, refined where `set` is [`REFINED`]; writes
-/// `poses/poses.txt` and `poses/summary.json`.
+/// Frames of the stage, and what refinement did where it ran.
+pub struct Posed {
+    /// Training frames with their poses.
+    pub frames: Vec<PosedFrame>,
+    /// What refinement did.
+    pub refinement: Option<RefinementSummary>,
+}
+
+/// The stage: the training frames with their poses of `set`; refined where `set` is [`REFINED`], which starts from the
+/// recording's own, or where `refines` asks for it, which starts from `set`. Writes `poses/poses.txt` and
+/// `poses/summary.json`.
 ///
 /// # Errors
 /// [`Refusal`] without poses to take or to start from, or with too few of them; frames that cannot be read.
 pub fn run(
     recording: &Recording,
     set: &str,
+    refines: bool,
     folder: &RunFolder,
     progress: &Progress,
-) -> anyhow::Result<Vec<PosedFrame>> {
-    let started_from = if set == REFINED {
-        let known = STARTS
-            .into_iter()
-            .find(|set| recording.poses(set).is_some());
-        known.ok_or(Refusal::NoStart)?
-    } else {
-        set
-    };
+) -> anyhow::Result<Posed> {
+    let started_from = start_set(recording, set)?;
+    let refines = refines || set == REFINED;
     let mut frames = training_frames(recording, started_from)?;
-    let mut summary = summary_of(recording, set, started_from, frames.len());
-    if set == REFINED {
+    let made = if refines { REFINED } else { set };
+    let mut summary = summary_of(recording, made, started_from, frames.len());
+    if refines {
         // A file may list them in another order; neighbours are what is compared.
         frames.sort_by_key(|frame| frame.index);
         let start = start_frames(recording, started_from, &frames)?;
@@ -105,11 +111,40 @@ pub fn run(
         }
         store_all(folder, recording, started_from, &start, &refinement.poses)?;
         summary.refinement = Some(refinement.summary);
+    } else {
+        // Those of a run before would be taken for this one's.
+        forget_refined(folder)?;
     }
     note_left_out(&summary);
     folder.write("poses/poses.txt", tum_text(recording, &frames).as_bytes())?;
     folder.write_json(SUMMARY_FILE, &summary)?;
-    Ok(frames)
+    Ok(Posed {
+        frames,
+        refinement: summary.refinement,
+    })
+}
+
+/// The set of the recording that training in `set` starts from.
+///
+/// # Errors
+/// [`Refusal::NoStart`] where refinement has nothing to start from.
+pub fn start_set<'a>(recording: &Recording, set: &'a str) -> Result<&'a str, Refusal> {
+    if set != REFINED {
+        return Ok(set);
+    }
+    let known = STARTS
+        .into_iter()
+        .find(|set| recording.poses(set).is_some());
+    known.ok_or(Refusal::NoStart)
+}
+
+fn forget_refined(folder: &RunFolder) -> anyhow::Result<()> {
+    match std::fs::remove_file(folder.path(REFINED_FILE)) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("cannot remove the old {REFINED_FILE}"))
+        }
+        Ok(()) | Err(_) => Ok(()),
+    }
 }
 
 /// World from depth camera of every frame of the recording as a run used it: those of `set`, or what refinement
@@ -122,7 +157,7 @@ pub fn poses_of_run(
     recording: &Recording,
     set: &str,
 ) -> anyhow::Result<Vec<Option<Pose>>> {
-    if set != REFINED {
+    if set != REFINED && !folder.path(REFINED_FILE).exists() {
         let poses = recording.poses(set);
         let poses = poses.context("the recording has lost its poses since the training")?;
         return Ok(poses.to_vec());
@@ -319,7 +354,7 @@ fn store_all(
 /// A repeat says nothing new, but would weigh its image twice (hard-cases B13); and since its image is older than
 /// its time, its pose is not that of the image. Where the image that it repeats is held out, leaving it out
 /// keeps that image from training.
-pub(super) fn without_repeats(
+pub(crate) fn without_repeats(
     frames: &[PosedFrame],
     is_repeat: impl Fn(usize) -> bool,
 ) -> (Vec<PosedFrame>, usize) {

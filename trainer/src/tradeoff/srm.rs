@@ -89,6 +89,11 @@ pub const SUBJECT: Subject = Subject {
             default: "1",
             others: &["2", "4"],
         },
+        Knob {
+            name: "effects",
+            default: "auto",
+            others: &["all", "none"],
+        },
     ],
     cost: COST,
     error: ERROR,
