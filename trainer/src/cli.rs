@@ -4,6 +4,7 @@
 //! with a list · 101 a bug.
 
 mod eval;
+mod render;
 mod simulate;
 mod tradeoff;
 
@@ -20,10 +21,9 @@ use crate::effects::EFFECTS_FILE;
 use crate::export::{ExportOptions, ExportTarget, LostData, export};
 use crate::import::{ImportFormat, ImportOptions, import};
 use crate::progress::Progress;
-use crate::render::{ViewPath, render};
 use crate::report;
 use crate::run_folder::RunFolder;
-use crate::stages::linear::DiffuseOrder;
+use crate::stages::linear::{DiffuseOrder, MAP_HEIGHTS, SRM_HEIGHT};
 use crate::stages::object::WorldBox;
 use crate::stages::poses::{REFINED, default_set};
 use crate::train::{TrainConfig, explain, train};
@@ -62,7 +62,7 @@ enum Command {
     /// Write one self-contained page about a run.
     Report(ReportArgs),
     /// Draw the object from a path of views.
-    Render(RenderArgs),
+    Render(render::RenderArgs),
     /// Write frames, trajectory, mesh or map for other programs.
     Export(ExportArgs),
 }
@@ -143,6 +143,12 @@ struct TrainArgs {
     /// Use every Nth pixel in x and y.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=16))]
     pixel_stride: u32,
+    /// Rows of the specular map, which is twice as wide.
+    #[arg(long, default_value_t = SRM_HEIGHT, value_parser = parse_map_height)]
+    map_height: u32,
+    /// Use every Nth training frame.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    frame_stride: u32,
     /// What is done with the diffuse texture.
     #[arg(long, value_enum, default_value = "joint")]
     diffuse: DiffuseOrder,
@@ -162,19 +168,6 @@ struct ReportArgs {
     /// The page; `report.html` in the run folder when absent.
     #[arg(short, long)]
     output: Option<PathBuf>,
-}
-
-#[derive(Debug, Args)]
-#[command(after_help = "Example:\n  glint render run --path recorded -o views")]
-struct RenderArgs {
-    /// The run folder.
-    run: PathBuf,
-    /// `recorded`, or a TUM file of poses (world from colour camera).
-    #[arg(long)]
-    path: ViewPath,
-    /// Folder for the pictures.
-    #[arg(short, long)]
-    output: PathBuf,
 }
 
 #[derive(Debug, Args)]
@@ -219,6 +212,17 @@ fn parse_voxel(text: &str) -> Result<f64, String> {
             "`{text}` is no voxel size: give millimetres from 0.5 to 50"
         )),
     }
+}
+
+fn parse_map_height(text: &str) -> Result<u32, String> {
+    let height = text
+        .parse()
+        .ok()
+        .filter(|height| MAP_HEIGHTS.contains(height));
+    height.ok_or_else(|| {
+        let (least, most) = (MAP_HEIGHTS.start(), MAP_HEIGHTS.end());
+        format!("`{text}` is no height of a map: give {least} to {most} rows")
+    })
 }
 
 fn parse_box(text: &str) -> Result<WorldBox, String> {
@@ -294,7 +298,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Eval(args) => eval::run(args, &progress),
         Command::Tradeoff(args) => tradeoff::run(args, &progress),
         Command::Report(args) => run_report(args),
-        Command::Render(args) => run_render(args, &progress),
+        Command::Render(args) => render::run(args, &progress),
         Command::Export(args) => run_export(args, &progress),
     });
     progress.finish();
@@ -371,6 +375,8 @@ fn run_train(args: &TrainArgs, threads: usize, progress: &Progress) -> anyhow::R
         poses,
         voxel_mm: args.voxel_mm,
         pixel_stride: args.pixel_stride,
+        map_height: args.map_height,
+        frame_stride: args.frame_stride,
         diffuse: args.diffuse,
         object_box: args.object_box,
         effects: asked_effects(args)?,
@@ -440,16 +446,6 @@ fn run_report(args: &ReportArgs) -> anyhow::Result<Summary> {
     Ok(Summary::whole(
         text,
         json!({"report": output, "bytes": bytes}),
-    ))
-}
-
-fn run_render(args: &RenderArgs, progress: &Progress) -> anyhow::Result<Summary> {
-    let folder = RunFolder::open(&args.run)?;
-    let count = render(&folder, &args.path, &args.output, progress)?;
-    let text = format!("{count} pictures in {}", args.output.display());
-    Ok(Summary::whole(
-        text,
-        json!({"pictures": count, "output": args.output}),
     ))
 }
 

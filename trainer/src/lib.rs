@@ -8,8 +8,8 @@
 //! use glint::{progress::Progress, run_folder::RunFolder, train::{TrainConfig, train}};
 //! let config = TrainConfig {
 //!     recording: "room.glint".into(), profile: "draft".into(), poses: "source".into(), voxel_mm: 2.0,
-//!     pixel_stride: 2, diffuse: Default::default(), object_box: None, effects: Default::default(), seed: 1,
-//!     threads: 2,
+//!     pixel_stride: 2, map_height: 250, frame_stride: 1, diffuse: Default::default(), object_box: None,
+//!     effects: Default::default(), seed: 1, threads: 2,
 //! };
 //! let folder = RunFolder::create("run".as_ref(), false).unwrap();
 //! let summary = train(&config, &folder, &Progress::silent()).unwrap();
@@ -19,12 +19,13 @@
 //! Map: [`cli`] flags and exit codes · [`import`] foreign recordings · [`train`] the stages in order ·
 //! [`stages`] poses, geometry, diffuse, linear · [`refine`] poses that fit each other · [`eval`] figures
 //! against truth · [`perceptual`] LPIPS · [`tradeoff`] accuracy against time · [`report`] one page ·
-//! [`render`] pictures from any view · [`export`] files for other programs · [`simulate`] captures with their
+//! [`budget`] the setting that a budget buys · [`render`] pictures from any view · [`export`] files for other programs · [`simulate`] captures with their
 //! truth · [`run_folder`] what is kept.
 //!
 //! Invariants: training reads training frames only; no file has its final name before it is complete; the
 //! same input, seed and SIMD level give the same bits for any number of threads.
 
+pub mod budget;
 pub mod cli;
 pub mod clock;
 pub mod color;

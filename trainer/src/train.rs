@@ -20,10 +20,11 @@ use crate::run_folder::{Manifest, RunFolder};
 use crate::stages::Refusal;
 use crate::stages::diffuse::{VertexColors, vertex_colors};
 use crate::stages::geometry::{self, Geometry};
-use crate::stages::linear::{self, DiffuseOrder, GAIN, Linear};
+use crate::stages::linear::{self, DiffuseOrder, GAIN, Linear, SRM_HEIGHT};
 use crate::stages::object::{DominantPlane, ObjectParts, Segment, WorldBox, find_object};
 use crate::stages::observe::{ColorView, FrameObservations, Observations, Surface, observe};
 use crate::stages::poses::{self, Posed, PosedFrame, REFINED};
+use crate::tradeoff::machine::rss_peak_mb;
 
 /// Every key of a training run, `config.toml`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -39,6 +40,12 @@ pub struct TrainConfig {
     pub voxel_mm: f64,
     /// Every how many pixels in x and y give a row.
     pub pixel_stride: u32,
+    /// Rows of the specular map, which is twice as wide.
+    #[serde(default = "usual_map_height")]
+    pub map_height: u32,
+    /// Every how many training frames one is used.
+    #[serde(default = "every_frame")]
+    pub frame_stride: u32,
     /// Treatment of D.
     pub diffuse: DiffuseOrder,
     /// Box that holds the object, world metres.
@@ -51,6 +58,14 @@ pub struct TrainConfig {
     pub seed: u64,
     /// Worker threads.
     pub threads: usize,
+}
+
+fn usual_map_height() -> u32 {
+    SRM_HEIGHT
+}
+
+fn every_frame() -> u32 {
+    1
 }
 
 /// What was left out and what remained, `geometry/object.json`.
@@ -83,6 +98,8 @@ pub struct TrainSummary {
     pub counters: Counters,
     /// Cost of the whole run.
     pub cost: Cost,
+    /// Largest resident memory, mebibytes.
+    pub rss_peak_mb: f64,
 }
 
 /// Name of the mesh inside a run folder: world positions, smoothed normals, segments.
@@ -189,6 +206,7 @@ pub fn train(
             &observations,
             &colors,
             config.diffuse,
+            config.map_height,
             &decided.plan,
         )?;
         write_linear(folder, &surface, &linear)?;
@@ -223,6 +241,7 @@ pub fn train(
         effects: verdicts(&decided.file),
         counters,
         cost,
+        rss_peak_mb: rss_peak_mb(),
     })
 }
 
@@ -264,7 +283,11 @@ fn call(
     }
     let posed = |stages: &mut Stages<'_>, refines: bool| {
         stages.run("poses", |progress| {
-            poses::run(recording, &config.poses, refines, folder, progress)
+            let posed = poses::run(recording, &config.poses, refines, folder, progress)?;
+            Ok(Posed {
+                frames: poses::every_nth(posed.frames, config.frame_stride)?,
+                ..posed
+            })
         })
     };
     let deciding = |stages: &mut Stages<'_>, ground: &Ground, posed: &Posed| {

@@ -56,6 +56,8 @@ impl Desk {
             poses: "source".to_owned(),
             voxel_mm: 4.0,
             pixel_stride: 1,
+            map_height: 250,
+            frame_stride: 1,
             diffuse: DiffuseOrder::Joint,
             object_box: None,
             effects: "-pose-refinement".parse().unwrap(),

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use anyhow::Context as _;
 use clap::ValueEnum;
 use effects::{Counters, Effect};
 use geometry::PanoramaSize;
@@ -146,15 +147,27 @@ fn choice_settings() -> JointSettings {
     settings
 }
 
-/// Solves the stage.
+/// Heights that a map may have.
+pub const MAP_HEIGHTS: std::ops::RangeInclusive<u32> = 16..=1000;
+
+/// Solves the stage for a map of `map_height` rows.
+///
+/// # Errors
+/// When the rows make no problem, or the map would have a height out of [`MAP_HEIGHTS`].
 pub fn solve(
     surface: &Surface,
     observations: &[FrameObservations],
     colors: &VertexColors,
     order: DiffuseOrder,
+    map_height: u32,
     plan: &EffectPlan,
 ) -> anyhow::Result<Linear> {
-    let panorama = PanoramaSize::from_height(SRM_HEIGHT).expect("250 rows make a panorama");
+    let panorama = PanoramaSize::from_height(map_height)
+        .filter(|_| MAP_HEIGHTS.contains(&map_height))
+        .with_context(|| {
+            let (least, most) = (MAP_HEIGHTS.start(), MAP_HEIGHTS.end());
+            format!("a map of {map_height} rows cannot be solved: give {least} to {most}")
+        })?;
     let vertices = CompactVertices::new(surface);
     let maker = RowMaker {
         surface,

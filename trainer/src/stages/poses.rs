@@ -210,6 +210,21 @@ pub fn training_frames_at(recording: &Recording, poses: &[Option<Pose>]) -> Vec<
         .collect()
 }
 
+/// Every `stride`th of the training frames, from the first on.
+///
+/// # Errors
+/// When too few remain.
+pub fn every_nth(frames: Vec<PosedFrame>, stride: u32) -> Result<Vec<PosedFrame>, Refusal> {
+    if stride <= 1 {
+        return Ok(frames);
+    }
+    let some: Vec<PosedFrame> = frames.into_iter().step_by(stride as usize).collect();
+    if some.len() < FEWEST_FRAMES {
+        return Err(Refusal::TooFewFrames(some.len()));
+    }
+    Ok(some)
+}
+
 /// The stored poses of a set.
 fn stored_poses<'a>(recording: &'a Recording, set: &str) -> &'a [FramePose] {
     let sets = &recording.contents().pose_sets;

@@ -9,6 +9,7 @@ use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::audit::AuditRecord;
 use super::child::{ChildCost, PointStatus};
 use super::machine::Machine;
 use super::subject::{PointFigures, Setting};
@@ -89,7 +90,11 @@ pub(super) struct Journal {
     /// As it was written when the measurement began, perhaps by an older build.
     beginning: Beginning,
     records: Vec<PointRecord>,
+    audits: Vec<AuditRecord>,
 }
+
+/// Event of a line that holds an audit.
+const AUDIT_EVENT: &str = "audit";
 
 /// Name of the file in the output folder, before which the subject stands.
 pub(super) fn journal_path(folder: &Path, subject: &str) -> PathBuf {
@@ -106,10 +111,29 @@ impl Journal {
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot make {}", folder.display()))?;
         let path = journal_path(folder, &beginning.subject);
+        Self::read(path, Some(beginning))
+    }
+
+    /// Opens the journal of `subject` in `folder`, which is there.
+    ///
+    /// # Errors
+    /// When it is not, is damaged, or cannot be written.
+    pub(super) fn reopen(folder: &Path, subject: &str) -> anyhow::Result<Self> {
+        let path = journal_path(folder, subject);
+        if !path.is_file() {
+            bail!(
+                "{} is not there: `glint tradeoff {subject}` writes it",
+                path.display()
+            );
+        }
+        Self::read(path, None)
+    }
+
+    fn read(path: PathBuf, wanted: Option<&Beginning>) -> anyhow::Result<Self> {
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)
-            .create(true)
+            .create(wanted.is_some())
             .truncate(false)
             .open(&path)
             .with_context(|| format!("cannot write {}", path.display()))?;
@@ -123,56 +147,34 @@ impl Journal {
         file.seek(SeekFrom::Start(whole as u64))?;
         let text = std::str::from_utf8(&bytes[..whole])
             .with_context(|| format!("{} is no text", path.display()))?;
+        let mut lines = text.lines();
+        let first: Option<Beginning> = lines.next().map(|line| parse(&path, line)).transpose()?;
+        let is_new = first.is_none();
+        if let (Some(begun), Some(wanted)) = (&first, wanted) {
+            require(&path, begun, wanted)?;
+        }
+        let Some(beginning) = first.or_else(|| wanted.cloned()) else {
+            bail!("{} is empty: nothing was measured", path.display());
+        };
         let mut journal = Self {
             file,
             path,
-            beginning: beginning.clone(),
+            beginning,
             records: Vec::new(),
+            audits: Vec::new(),
         };
-        let mut lines = text.lines();
-        match lines.next() {
-            None => journal.append("begin", &serde_json::to_value(beginning)?)?,
-            Some(first) => {
-                let begun: Beginning = journal.parse(first)?;
-                journal.require(&begun, beginning)?;
-                journal.beginning = begun;
-            }
+        if is_new {
+            journal.append("begin", &serde_json::to_value(&journal.beginning)?)?;
         }
         for line in lines {
-            let record: PointRecord = journal.parse(line)?;
-            journal.records.push(record);
+            let event: Value = parse(&journal.path, line)?;
+            if event["event"] == AUDIT_EVENT {
+                journal.audits.push(parse(&journal.path, line)?);
+            } else {
+                journal.records.push(parse(&journal.path, line)?);
+            }
         }
         Ok(journal)
-    }
-
-    fn parse<T: for<'de> Deserialize<'de>>(&self, line: &str) -> anyhow::Result<T> {
-        serde_json::from_str(line).with_context(|| {
-            format!(
-                "{} has a line that is not ours: move the file away to begin anew",
-                self.path.display()
-            )
-        })
-    }
-
-    fn require(&self, begun: &Beginning, wanted: &Beginning) -> anyhow::Result<()> {
-        let differing = [
-            ("recording", begun.scene_blake3 != wanted.scene_blake3),
-            ("program", begun.program_blake3 != wanted.program_blake3),
-            ("machine", begun.machine != wanted.machine),
-            ("seed", begun.seed != wanted.seed),
-            (
-                "number of repetitions",
-                begun.repetitions != wanted.repetitions,
-            ),
-            ("grid", begun.grid != wanted.grid),
-        ];
-        if let Some((what, _)) = differing.iter().find(|(_, differs)| *differs) {
-            bail!(
-                "{} was begun with another {what}: runs of the two do not compare; give another folder with -o",
-                self.path.display()
-            );
-        }
-        Ok(())
     }
 
     /// What the measurement began with: runs belong to that version and commit, not to those that go on with it.
@@ -183,6 +185,18 @@ impl Journal {
     /// The runs so far.
     pub(super) fn records(&self) -> &[PointRecord] {
         &self.records
+    }
+
+    /// The audits so far.
+    pub(super) fn audits(&self) -> &[AuditRecord] {
+        &self.audits
+    }
+
+    /// Adds an audit and makes it durable.
+    pub(super) fn push_audit(&mut self, record: AuditRecord) -> anyhow::Result<()> {
+        self.append(AUDIT_EVENT, &serde_json::to_value(&record)?)?;
+        self.audits.push(record);
+        Ok(())
     }
 
     /// Adds a run and makes it durable.
@@ -204,6 +218,36 @@ impl Journal {
         };
         write().with_context(|| format!("cannot write {}", self.path.display()))
     }
+}
+
+fn parse<T: for<'de> Deserialize<'de>>(path: &Path, line: &str) -> anyhow::Result<T> {
+    serde_json::from_str(line).with_context(|| {
+        format!(
+            "{} has a line that is not ours: move the file away to begin anew",
+            path.display()
+        )
+    })
+}
+
+fn require(path: &Path, begun: &Beginning, wanted: &Beginning) -> anyhow::Result<()> {
+    let differing = [
+        ("recording", begun.scene_blake3 != wanted.scene_blake3),
+        ("program", begun.program_blake3 != wanted.program_blake3),
+        ("machine", begun.machine != wanted.machine),
+        ("seed", begun.seed != wanted.seed),
+        (
+            "number of repetitions",
+            begun.repetitions != wanted.repetitions,
+        ),
+        ("grid", begun.grid != wanted.grid),
+    ];
+    if let Some((what, _)) = differing.iter().find(|(_, differs)| *differs) {
+        bail!(
+            "{} was begun with another {what}: runs of the two do not compare; give another folder with -o",
+            path.display()
+        );
+    }
+    Ok(())
 }
 
 /// The run that counts for each repetition of each point: the last one.

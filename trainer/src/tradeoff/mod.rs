@@ -4,9 +4,11 @@
 //! an order drawn anew for each repetition; what was run is durable and never run again; what failed stays.
 //!
 //! Map: [`subject`] knobs, axes and points as data · [`codec`] what recordings cost · [`fusion`] what tracking and
-//! fusing live cost · `child` a process and its cost · `journal` `points.jsonl` · [`front`] the Pareto front ·
+//! fusing live cost · [`srm`] what the map of the room costs · [`render`] what drawing costs · [`audit`] rows that are
+//! run again · `child` a process and its cost · `journal` `points.jsonl` · [`front`] the Pareto front ·
 //! `result` all runs of a point together · `table`, `plot`, `page` CSV, SVG and HTML · [`machine`] where it ran.
 
+pub mod audit;
 mod child;
 pub mod codec;
 pub mod front;
@@ -15,7 +17,9 @@ mod journal;
 pub mod machine;
 mod page;
 mod plot;
+pub mod render;
 mod result;
+pub mod srm;
 pub mod subject;
 mod table;
 #[cfg(test)]
@@ -87,7 +91,8 @@ pub fn measure(
     let mut journal = Journal::open(&options.output, &beginning)?;
     progress.stage(subject.name);
     let ran = run_missing(runner, &points, options, &mut journal, progress);
-    let measurement = Measurement::of(subject, journal.beginning().clone(), journal.records());
+    let measurement = Measurement::of(subject, journal.beginning().clone(), journal.records())
+        .with_audits(journal.audits());
     // Also when it was stopped: what there is can be looked at.
     write_results(&measurement, &options.output)?;
     ran.map(|()| measurement)
@@ -187,6 +192,11 @@ fn words_of(command: &Command, desk: &Path) -> Vec<String> {
         .chain(command.get_args().map(argument))
         .map(|word| word.to_string_lossy().into_owned())
         .collect()
+}
+
+/// Whether a measurement of `subject` is in `folder`.
+pub fn has_table(folder: &Path, subject: &str) -> bool {
+    journal::journal_path(folder, subject).is_file()
 }
 
 /// A short name of recording and program together.

@@ -52,6 +52,9 @@ pub(super) fn html(measurement: &Measurement, svg: &str) -> String {
                 @if measurement.rejected_count > 0 {
                     p.bad { (measurement.rejected_count) " runs are left out: their figures are not those of their log." }
                 }
+                @if let Some(audit) = measurement.audits.last() {
+                    p.bad[!audit.disagreements().is_empty()] { (audit.sentence()) "." }
+                }
                 (PreEscaped(svg))
                 table {
                     thead { tr {

@@ -2,6 +2,7 @@
 
 use geometry::robust;
 
+use super::audit::AuditRecord;
 use super::child::PointStatus;
 use super::front::{Candidate, OnFront, front};
 use super::journal::{Beginning, PointRecord, counting};
@@ -24,6 +25,8 @@ pub struct Measurement {
     pub points: Vec<PointResult>,
     /// Records whose log is not what their figures were read from; they are left out.
     pub rejected_count: usize,
+    /// Rows that were run again, in order.
+    pub audits: Vec<AuditRecord>,
 }
 
 /// A point of the grid.
@@ -78,6 +81,15 @@ impl Measurement {
             beginning,
             points,
             rejected_count: records.len() - genuine.len(),
+            audits: Vec::new(),
+        }
+    }
+
+    /// The same with `audits`.
+    pub(super) fn with_audits(self, audits: &[AuditRecord]) -> Self {
+        Self {
+            audits: audits.to_vec(),
+            ..self
         }
     }
 

@@ -42,6 +42,8 @@ pub struct Subject {
     pub error: Axis,
     /// Figures that a reader must see beside the axes.
     pub beside: &'static [Axis],
+    /// Figures that are the same bit for bit whenever a point is run again, beside the error: an audit compares them.
+    pub exact: &'static [&'static str],
     /// Points that are shown and are no candidates for the front, each with the reason.
     pub no_candidates: &'static [(&'static str, &'static str)],
     /// Key of the share of frames that were tracked, where there is one: below 0.95 a point is not on the front.

@@ -28,6 +28,7 @@ const SUBJECT: Subject = Subject {
         label: "error",
     },
     beside: &[],
+    exact: &["tracked_fraction"],
     no_candidates: &[],
     tracked: Some("tracked_fraction"),
 };

@@ -33,6 +33,7 @@ const SUBJECT: Subject = Subject {
     cost: COST,
     error: ERROR,
     beside: BESIDE,
+    exact: &[],
     no_candidates: &[],
     tracked: Some(TRACKED),
 };

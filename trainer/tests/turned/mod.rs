@@ -22,6 +22,8 @@ fn train_from(recording: &Path, poses: &str, run: &Path) {
         poses: poses.to_owned(),
         voxel_mm: 4.0,
         pixel_stride: 2,
+        map_height: 250,
+        frame_stride: 1,
         diffuse: DiffuseOrder::Joint,
         object_box: None,
         effects: "-pose-refinement".parse().unwrap(),

@@ -23,7 +23,7 @@ pub use nulls::{NullScore, NullVerdict};
 pub use score::Score;
 
 use grid::{Grid, block_mean, grid_map, grid_scalar, grid_size, turned};
-use score::{Domain, hemisphere_weight, score, within_sigma};
+use score::{Domain, hemisphere_weight, log_square_sectors, score, within_sigma};
 
 /// The environment's figures.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -48,6 +48,10 @@ pub struct EnvironmentMetrics {
     pub env_log_rmse_reach: f64,
     /// Scale over the whole reach.
     pub scale_reach: f64,
+    /// Squared logarithmic error of each tenth of longitude over the reach, from the first column on, weighted so
+    /// that their mean is the square of `env_log_rmse_reach`; 0 where nothing is in reach.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub env_log_square_sectors: Vec<f64>,
     /// Correlation a channel over the whole reach, one scale a channel.
     pub env_corr_rgb: [f64; 3],
     /// Against the truth without blur, whole reach, for information.
@@ -77,6 +81,9 @@ pub struct EnvironmentMetrics {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bars: Vec<BarScore>,
 }
+
+/// Parts of longitude whose errors are given one by one.
+const SECTOR_COUNT: usize = 10;
 
 /// Scores `srm` with `confidence` against the `truth` folder of a plain folder. `truth_from_map` turns the map's
 /// directions into those of the truth, where they differ.
@@ -119,6 +126,14 @@ pub fn evaluate(
         env_corr_reach: on_reach.corr,
         env_log_rmse_reach: on_reach.log_rmse,
         scale_reach: on_reach.scale,
+        env_log_square_sectors: log_square_sectors(
+            &whole,
+            &on_grid.map,
+            &lobe,
+            on_reach.scale,
+            size,
+            SECTOR_COUNT,
+        ),
         env_corr_rgb: [0, 1, 2].map(of_channel),
         sharp: score(&whole, &on_grid.map, &block_mean(&environment, size)),
         constant: nulls[nulls::CONSTANT].reach,

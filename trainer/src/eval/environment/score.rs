@@ -85,12 +85,14 @@ pub(super) fn score(domain: &Domain, map: &Grid, truth: &Grid, fixed_scale: Opti
     let scale = fixed_scale
         .or_else(|| robust::weighted_median(&mut ratios).map(f64::exp))
         .unwrap_or(1.0);
-    let mut logarithms = Vec::new();
-    for &(index, weight) in &domain.texels {
-        let a = (scale * luminance(map[index]).max(0.0)).clamp(0.0, 1.0);
-        let b = luminance(truth[index]).clamp(0.0, 1.0);
-        logarithms.push((a.max(0.01).ln(), b.max(0.01).ln(), weight));
-    }
+    let logarithms: Vec<(f64, f64, f64)> = domain
+        .texels
+        .iter()
+        .map(|&(index, weight)| {
+            let [a, b] = logarithms(map[index], truth[index], scale);
+            (a, b, weight)
+        })
+        .collect();
     let sum: f64 = domain.weight.max(1e-300);
     let square: f64 = logarithms
         .iter()
@@ -103,6 +105,33 @@ pub(super) fn score(domain: &Domain, map: &Grid, truth: &Grid, fixed_scale: Opti
         scale,
         coverage,
     }
+}
+
+/// Logarithms of the clipped luminances of map and truth.
+fn logarithms(map: [f64; 3], truth: [f64; 3], scale: f64) -> [f64; 2] {
+    let a = (scale * luminance(map).max(0.0)).clamp(0.0, 1.0);
+    let b = luminance(truth).clamp(0.0, 1.0);
+    [a.max(0.01).ln(), b.max(0.01).ln()]
+}
+
+/// The squared logarithmic error of `count` equal parts of longitude, weighted so that their mean is the square of
+/// [`Score::log_rmse`]; 0 where nothing is scored.
+pub(super) fn log_square_sectors(
+    domain: &Domain,
+    map: &Grid,
+    truth: &Grid,
+    scale: f64,
+    size: PanoramaSize,
+    count: usize,
+) -> Vec<f64> {
+    let width = size.width() as usize;
+    let mut sectors = vec![0.0; count];
+    for &(index, weight) in &domain.texels {
+        let [a, b] = logarithms(map[index], truth[index], scale);
+        sectors[index % width * count / width] += weight * (a - b) * (a - b);
+    }
+    let share = count as f64 / domain.weight.max(1e-300);
+    sectors.iter().map(|sum| share * sum).collect()
 }
 
 /// The correlation of [`score`] over some texels with their weights, at a given scale; 0 where undefined.
@@ -161,6 +190,25 @@ mod tests {
         );
         let turned = score(&domain, &turned_quarters(&truth, size, 1), &truth, None);
         assert!(turned.corr < 0.6);
+    }
+
+    #[test]
+    fn the_mean_of_the_sectors_is_the_square_of_the_error() {
+        let size = grid_size();
+        let value = |i: usize| 0.05 + 0.9 * ((i * 37 % 101) as f64 / 101.0);
+        let truth: Grid = (0..size.texel_count()).map(|i| [value(i); 3]).collect();
+        let map: Grid = (0..size.texel_count()).map(|i| [value(i + 3); 3]).collect();
+        let ones = vec![1.0; size.texel_count()];
+        // Nothing is in reach on one side: parts without a texel count as without an error.
+        let reach: Vec<f64> = (0..size.texel_count())
+            .map(|i| if i % 128 < 90 { 1.0 } else { 0.0 })
+            .collect();
+        let domain = Domain::new(size, &reach, &ones);
+        let whole = score(&domain, &map, &truth, None);
+        let sectors = log_square_sectors(&domain, &map, &truth, whole.scale, size, 10);
+        let mean = sectors.iter().sum::<f64>() / 10.0;
+        assert!((mean - whole.log_rmse * whole.log_rmse).abs() < 1e-12);
+        assert!(sectors[0] > 0.0 && sectors[9] == 0.0);
     }
 
     #[test]

@@ -1,32 +1,35 @@
 //! The model against held-out photographs, beside diffuse alone and the nearest training photograph
 //! (effects-and-tradeoffs.md C2).
 //!
-//! Map: `predict` draws · `mask` says which pixels count · `nearest` finds the training view · `score` takes the
-//! figures · `angle` orders LPIPS by distance from training · `figures` is what is written.
+//! Map: `predict` draws · `mask` says which pixels count · `nearest` and `training` find the training view ·
+//! `score` takes the figures · `pictures` judges what was drawn elsewhere · `angle` orders LPIPS by distance from
+//! training · `figures` is what is written.
 
 mod angle;
 mod figures;
 mod mask;
 mod nearest;
+mod pictures;
 mod predict;
 mod score;
+mod training;
 
 use std::path::Path;
 
-use anyhow::Context as _;
 use geometry::Pose;
-use glam::DVec3;
 use imaging::Mask;
 use rayon::prelude::*;
 use sequence::Recording;
 
 pub use angle::{AngleBin, AngleCurve, AngleMetrics};
 pub use figures::{CompositionMetrics, FrameError, Strip, ViewError};
+pub use pictures::{PictureMetrics, judge_pictures};
+pub use training::{NearestFrame, Photograph, TrainingViews};
 
 use super::model::Model;
 use crate::perceptual::Lpips;
 use crate::stages::observe::ColorView;
-use crate::stages::poses::{PosedFrame, training_frames_at};
+use crate::stages::poses::PosedFrame;
 use mask::MaskSource;
 use score::{METHODS, Pool, ViewScore, WholeFrame};
 
@@ -64,7 +67,8 @@ pub fn evaluate_at(
     if tests.is_empty() {
         return Ok(None);
     }
-    let judge = Judge::new(recording, model, poses, masks)?;
+    let view = ColorView::new(recording);
+    let judge = Judge::new(recording, model, &view, poses, masks)?;
     let strip_step = tests.len().div_ceil(MOST_STRIPS);
     let mut tally = Tally::default();
     for (start, chunk) in chunks(&tests) {
@@ -112,11 +116,8 @@ fn chunks(tests: &[PosedFrame]) -> impl Iterator<Item = (usize, &[PosedFrame])> 
 struct Judge<'a> {
     recording: &'a Recording,
     model: &'a Model,
-    view: ColorView,
-    training: Vec<PosedFrame>,
-    /// Centres of the training cameras, surface axes.
-    training_centers: Vec<DVec3>,
-    object: DVec3,
+    view: &'a ColorView,
+    training: TrainingViews<'a>,
     masks: MaskSource<'a>,
     lpips: Lpips,
 }
@@ -135,23 +136,15 @@ impl<'a> Judge<'a> {
     fn new(
         recording: &'a Recording,
         model: &'a Model,
+        view: &'a ColorView,
         poses: &[Option<Pose>],
         masks: Option<&'a Path>,
     ) -> anyhow::Result<Self> {
-        let view = ColorView::new(recording);
-        let training = training_frames_at(recording, poses);
-        let training_centers = training
-            .iter()
-            .map(|frame| view.surface_from_color(&model.surface, &frame.world_from_camera))
-            .map(|pose| pose.translation())
-            .collect();
         Ok(Self {
             recording,
             model,
             view,
-            training,
-            training_centers,
-            object: nearest::object_center(model),
+            training: TrainingViews::new(recording, view, model, poses),
             masks: masks.map_or(MaskSource::ShinySegments, MaskSource::Given),
             lpips: Lpips::bundled()?,
         })
@@ -161,23 +154,26 @@ impl<'a> Judge<'a> {
         let pose = self
             .view
             .surface_from_color(&self.model.surface, &test.world_from_camera);
-        let centers = self.training_centers.iter().copied();
-        let (nearest, angle) = nearest::nearest_camera(self.object, pose.translation(), centers)
-            .context("no training frame has a pose: there is no nearest view")?;
-        let nearest = self.training[nearest];
-        let photograph = predict::photograph(self.recording, &self.view, self.model, nearest)?;
-        let predicted = predict::predict(&self.view, self.model, &pose, &photograph);
+        let nearest = self.training.nearest(&pose)?;
+        let photograph = nearest.photograph()?;
+        let predicted = predict::predict(self.view, self.model, &pose, &photograph);
         let truth = self.recording.color(test.index)?;
         let mask = self
             .masks
             .mask(test.index, &predicted.has_surface, &predicted.is_shiny)?;
-        let scores = score::masked_scores(&self.lpips, &truth, &predicted, &mask)?;
+        let scores = score::masked_scores(
+            &self.lpips,
+            &truth,
+            &predicted.diffuse_only,
+            predicted.pictures(),
+            &mask,
+        )?;
         let [composition, diffuse, nearest_view] = [0, 1, 2].map(|k| scores.map(|s| s[k]));
         Ok(JudgedFrame {
             error: FrameError {
                 frame: test.index,
-                nearest: nearest.index,
-                angle_deg: angle.to_degrees(),
+                nearest: nearest.index(),
+                angle_deg: nearest.angle.to_degrees(),
                 l1: composition.map(|s| s.l1),
                 l1_diffuse: diffuse.map(|s| s.l1),
                 l1_nearest: nearest_view.map(|s| s.l1),

@@ -11,7 +11,7 @@ use crate::perceptual::{CROP_MARGIN, CropBox, Features, Lpips, NetworkInput, Per
 pub(super) const METHODS: [&str; 3] = ["composition", "diffuse_only", "nearest_view"];
 
 /// One prediction of one photograph over a mask that is not empty.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ViewScore {
     pub(super) l1: f64,
     squared: SquaredError,
@@ -59,7 +59,7 @@ pub(super) struct Pool {
 impl Pool {
     /// Adds a frame; pixels count alike in L1 and PSNR, frames in SSIM and LPIPS.
     pub(super) fn add(&mut self, score: &ViewScore) {
-        self.l1.add(score.l1, score.squared.sample_count as f64);
+        self.l1.add(score.l1, score.sample_count());
         self.squared = self.squared.and(score.squared);
         self.highlights = self.highlights.and(score.highlights);
         for (mean, value) in [(&mut self.ssim, score.ssim), (&mut self.lpips, score.lpips)] {
@@ -87,13 +87,21 @@ impl Pool {
     }
 }
 
-/// Scores the three predictions over `mask`; `None` when it is empty.
-pub(super) fn masked_scores(
+impl ViewScore {
+    /// Masked pixels times channels.
+    pub(super) fn sample_count(&self) -> f64 {
+        self.squared.sample_count as f64
+    }
+}
+
+/// Scores predictions over `mask`, `diffuse` among or beside them; `None` when the mask is empty.
+pub(super) fn masked_scores<const N: usize>(
     lpips: &Lpips,
     photograph: &Rgb8Image,
-    predicted: &Predictions,
+    diffuse: &Rgb8Image,
+    predicted: [&Rgb8Image; N],
     mask: &Mask,
-) -> anyhow::Result<Option<[ViewScore; 3]>> {
+) -> anyhow::Result<Option<[ViewScore; N]>> {
     // The margin holds the windows of SSIM too: outside the crop nothing is counted.
     let Some(area) = CropBox::around(mask, CROP_MARGIN) else {
         return Ok(None);
@@ -101,7 +109,7 @@ pub(super) fn masked_scores(
     let encoded = |image: &Rgb8Image| srgb::encoded_from_rgb8(&area.of(image));
     let truth = encoded(photograph);
     let mask = area.of(mask);
-    let diffuse = encoded(&predicted.diffuse_only);
+    let diffuse = encoded(diffuse);
     let seen = features(lpips, &truth, &mask)?;
     let score = |image: &Rgb8Image| -> anyhow::Result<ViewScore> {
         let image = encoded(image);
@@ -117,11 +125,11 @@ pub(super) fn masked_scores(
             highlights: measures::highlight_energy(&image, &truth, &diffuse, Some(&mask))?,
         })
     };
-    Ok(Some([
-        score(&predicted.composition)?,
-        score(&predicted.diffuse_only)?,
-        score(&predicted.nearest_view)?,
-    ]))
+    let mut scores = [ViewScore::default(); N];
+    for (slot, image) in scores.iter_mut().zip(predicted) {
+        *slot = score(image)?;
+    }
+    Ok(Some(scores))
 }
 
 /// What the network sees; `None` of a crop that is too small for it.

@@ -95,6 +95,7 @@ pub const SUBJECT: Subject = Subject {
             label: "peak memory, MiB",
         },
     ],
+    exact: &["depth_percent", "depth_bytes"],
     no_candidates: &[
         (
             "depth-domain=codes",

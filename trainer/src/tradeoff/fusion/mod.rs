@@ -113,6 +113,7 @@ pub const SUBJECT: Subject = Subject {
     cost: COST,
     error: ERROR,
     beside: BESIDE,
+    exact: &[TRACKED, "wrong_accepted", "rpe_1s_m", "fscore_5mm"],
     no_candidates: &[],
     tracked: Some(TRACKED),
 };

@@ -1,25 +1,17 @@
-//! `glint render`: pictures from any path of views.
+//! Where views are drawn from.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use geometry::{DQuat, DVec3, Pose};
-use imaging::encode_png_rgb8;
-use sequence::Recording;
-
-use crate::color::srgb8_from_linear;
-use crate::eval::model::Model;
-use crate::progress::Progress;
-use crate::run_folder::{RunFolder, write_atomically};
-use crate::stages::observe::ColorView;
-use crate::stages::poses::poses_of_run;
-use crate::train::TrainConfig;
 
 /// Where to draw from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ViewPath {
     /// Every pose of the recording.
     Recorded,
+    /// Every held-out pose of the recording.
+    Test,
     /// A TUM file: `timestamp tx ty tz qx qy qz qw`, world from colour camera.
     File(PathBuf),
 }
@@ -28,10 +20,10 @@ impl std::str::FromStr for ViewPath {
     type Err = std::convert::Infallible;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Ok(if text == "recorded" {
-            Self::Recorded
-        } else {
-            Self::File(text.into())
+        Ok(match text {
+            "recorded" => Self::Recorded,
+            "test" => Self::Test,
+            file => Self::File(file.into()),
         })
     }
 }
@@ -67,44 +59,6 @@ pub fn read_tum(path: &Path) -> anyhow::Result<Vec<Pose>> {
         bail!("{} holds no pose", path.display());
     }
     Ok(poses)
-}
-
-/// Draws every view of `path` into `output` as `NNNNNN.png` (sRGB, without vignetting); returns how many.
-pub fn render(
-    folder: &RunFolder,
-    path: &ViewPath,
-    output: &Path,
-    progress: &Progress,
-) -> anyhow::Result<usize> {
-    let config: TrainConfig =
-        toml::from_str(&std::fs::read_to_string(folder.path("config.toml"))?)?;
-    let recording = Recording::open(&config.recording)?;
-    let view = ColorView::new(&recording);
-    let model = Model::load(folder)?;
-    let world_from_color: Vec<(usize, Pose)> = match path {
-        ViewPath::Recorded => poses_of_run(folder, &recording, &config.poses)?
-            .iter()
-            .enumerate()
-            .filter_map(|(index, pose)| Some((index, (*pose)? * view.color_from_depth.inverse())))
-            .collect(),
-        ViewPath::File(file) => read_tum(file)?.into_iter().enumerate().collect(),
-    };
-    std::fs::create_dir_all(output).with_context(|| format!("cannot make {}", output.display()))?;
-    progress.stage("render");
-    for (done, (index, pose)) in world_from_color.iter().enumerate() {
-        crate::interrupt::check()?;
-        let surface_from_color = Pose::from_translation(-model.surface.origin) * *pose;
-        let drawn = model.draw(&view.camera, &surface_from_color);
-        let picture = drawn
-            .composition
-            .map(|linear| linear.map(srgb8_from_linear));
-        write_atomically(
-            &output.join(format!("{index:06}.png")),
-            &encode_png_rgb8(&picture)?,
-        )?;
-        progress.step(done + 1, world_from_color.len());
-    }
-    Ok(world_from_color.len())
 }
 
 #[cfg(test)]

@@ -1,0 +1,2 @@
+//! `--budget`.
+pub mod bench;
