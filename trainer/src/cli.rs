@@ -17,6 +17,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use effects::{Effect, EffectRequests, EffectsFile, Request};
 use serde_json::json;
 
+use crate::budget::parse_budget;
 use crate::effects::EFFECTS_FILE;
 use crate::export::{ExportOptions, ExportTarget, LostData, export};
 use crate::import::{ImportFormat, ImportOptions, import};
@@ -149,6 +150,11 @@ struct TrainArgs {
     /// Use every Nth training frame.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     frame_stride: u32,
+    /// Core-seconds that training may take (90s, 5min, 1h): the measured setting that errs least of those that fit
+    /// is taken, and gives way where it would take longer.
+    #[arg(long, value_parser = parse_budget,
+        conflicts_with_all = ["voxel_mm", "pixel_stride", "map_height", "frame_stride", "effects"])]
+    budget: Option<f64>,
     /// What is done with the diffuse texture.
     #[arg(long, value_enum, default_value = "joint")]
     diffuse: DiffuseOrder,
