@@ -182,8 +182,9 @@ fn noise_and_drift_go_away_and_the_run_keeps_the_path_of_all_frames() {
         .build()
         .unwrap();
     let frames = pool
-        .install(|| poses::run(&recording, "refined", &run, &Progress::silent()))
-        .unwrap();
+        .install(|| poses::run(&recording, "refined", false, &run, &Progress::silent()))
+        .unwrap()
+        .frames;
     let summary: PosesSummary = run.read_json(SUMMARY_FILE).unwrap();
     assert_eq!(
         (summary.set.as_str(), summary.started_from.as_str()),
@@ -215,5 +216,5 @@ fn noise_and_drift_go_away_and_the_run_keeps_the_path_of_all_frames() {
     );
     assert!(run.path("poses/poses.txt").exists());
     assert_eq!(poses::default_set(&recording), "source");
-    assert!(poses::run(&recording, "live", &run, &Progress::silent()).is_err());
+    assert!(poses::run(&recording, "live", false, &run, &Progress::silent()).is_err());
 }

@@ -60,6 +60,7 @@ impl Desk {
             frame_stride: 1,
             diffuse: DiffuseOrder::Joint,
             object_box: None,
+            effects: "-pose-refinement".parse().unwrap(),
             seed: 1,
             threads,
         };

@@ -1,4 +1,5 @@
 //! `glint simulate`, from outside.
 
+mod matte;
 mod mitsuba;
 mod program;

@@ -26,6 +26,7 @@ fn train_from(recording: &Path, poses: &str, run: &Path) {
         frame_stride: 1,
         diffuse: DiffuseOrder::Joint,
         object_box: None,
+        effects: "-pose-refinement".parse().unwrap(),
         seed: 1,
         threads: 2,
     };
