@@ -7,11 +7,12 @@
 //! enters a table.
 //!
 //! Map: [`bench`] how fast this machine is · [`table`] a measurement, read back · [`pick`] the choice · [`pace`] what
-//! gives way while it runs.
+//! gives way while it runs · [`spent`] what became of it.
 
 pub mod bench;
 pub mod pace;
 pub mod pick;
+pub mod spent;
 pub mod table;
 #[cfg(test)]
 mod tests;
@@ -19,7 +20,8 @@ mod tests;
 use anyhow::Context as _;
 
 pub use pace::Pacer;
-pub use pick::{Plan, Planned, plan};
+pub use pick::{Plan, Planned, Target, plan};
+pub use spent::Spent;
 pub use table::Table;
 
 /// Reserve of a plan: what is chosen may cost this much more than was planned and still fits.

@@ -123,7 +123,9 @@ impl Pacer {
             Some(thinner) if thinner.row_step <= 4 => thinner,
             _ => {
                 let share = FEW_ROUNDS_SHARE * self.small_map_share(settings.map_height);
-                let step = steps.clone().find(|step| share * cost / *step as f64 <= left);
+                let step = steps
+                    .clone()
+                    .find(|step| share * cost / *step as f64 <= left);
                 LinearSettings {
                     row_step: step.unwrap_or(LARGEST_ROW_STEP),
                     map_height: settings.map_height.min(SMALL_MAP),
@@ -149,7 +151,10 @@ impl Pacer {
             return 1.0;
         }
         let linear = |name: &str| self.plan.point(name)?.stages.get("linear").copied();
-        match (linear(&format!("map-height={SMALL_MAP}")), linear("default")) {
+        match (
+            linear(&format!("map-height={SMALL_MAP}")),
+            linear("default"),
+        ) {
             (Some(small), Some(full)) if full > 0.0 => (small / full).min(1.0),
             _ => 1.0,
         }
@@ -157,7 +162,9 @@ impl Pacer {
 
     /// Planned core-seconds of some stages.
     fn planned(&self, stages: &[&str]) -> f64 {
-        let planned = stages.iter().filter_map(|stage| self.plan.chosen.stages.get(stage));
+        let planned = stages
+            .iter()
+            .filter_map(|stage| self.plan.chosen.stages.get(stage));
         planned.sum()
     }
 

@@ -3,10 +3,14 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context as _, bail, ensure};
+use effects::{Effect, EffectRequests, Request};
 
-use super::SAFETY;
+use sequence::Recording;
+
 use super::table::{MeasuredPoint, Table};
+use super::{SAFETY, bench};
 use crate::tradeoff::subject::{DEFAULT_POINT, Setting};
+use crate::train::TrainConfig;
 
 /// A recording on a machine, as a plan sees them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,6 +19,23 @@ pub struct Target {
     pub scene_size: f64,
     /// Score of the machine now, core-milliseconds.
     pub bench_ms: f64,
+}
+
+impl Target {
+    /// This recording on this machine as it is now; takes about a second.
+    ///
+    /// # Errors
+    /// When the recording has no training frames.
+    pub fn measured(recording: &Recording) -> anyhow::Result<Self> {
+        let camera = recording.color_camera().intrinsics;
+        let frame_count = recording.split().train.len();
+        ensure!(frame_count > 0, "the recording has no training frames");
+        let pixels = f64::from(camera.width()) * f64::from(camera.height());
+        Ok(Self {
+            scene_size: frame_count as f64 * pixels,
+            bench_ms: bench::score_ms(),
+        })
+    }
 }
 
 /// What a point would cost and how it errs.
@@ -34,6 +55,42 @@ pub struct Planned {
     pub error_ratio: f64,
     /// Whether it is, or may be, on the front of a scene.
     pub is_on_front: bool,
+}
+
+impl Planned {
+    /// Takes its levels.
+    ///
+    /// # Errors
+    /// When a level is none of its key: the table is of another program.
+    pub fn apply(&self, config: &mut TrainConfig) -> anyhow::Result<()> {
+        for (knob, level) in &self.setting {
+            let wrong = || format!("{knob}={level} of the table is no setting of this program");
+            match knob.as_str() {
+                "pixel-stride" => config.pixel_stride = level.parse().with_context(wrong)?,
+                "voxel-mm" => config.voxel_mm = level.parse().with_context(wrong)?,
+                "map-height" => config.map_height = level.parse().with_context(wrong)?,
+                "frame-stride" => config.frame_stride = level.parse().with_context(wrong)?,
+                // Named poses have decided on refinement; the rest is as the table says.
+                "effects" if level == "auto" => {}
+                "effects" => {
+                    let of_table: EffectRequests = level.parse().with_context(wrong)?;
+                    config.effects = with_poses(&of_table, &config.effects)?;
+                }
+                _ => bail!(wrong()),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The requests of a table with what was asked about the poses.
+fn with_poses(of_table: &EffectRequests, asked: &EffectRequests) -> anyhow::Result<EffectRequests> {
+    let sign = match asked.of(Effect::PoseRefinement) {
+        Request::On => '+',
+        Request::Off => '-',
+        _ => return Ok(of_table.clone()),
+    };
+    Ok(format!("{of_table},{sign}{}", Effect::PoseRefinement).parse()?)
 }
 
 /// What was chosen, and all that it was chosen from.

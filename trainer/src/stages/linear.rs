@@ -212,10 +212,7 @@ pub fn solve(
         plan,
     };
     let mut counters = Counters::default();
-    let mut rows = thinned(
-        maker.rows(observations, None, &mut counters),
-        row_step,
-    );
+    let mut rows = thinned(maker.rows(observations, None, &mut counters), row_step);
     let object_count: usize = observations.iter().map(|frame| frame.object_count).sum();
     let dropped: usize = observations.iter().map(|frame| frame.dropped_count).sum();
     let dropped_fraction = dropped as f64 / object_count.max(1) as f64;

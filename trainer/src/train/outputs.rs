@@ -64,7 +64,11 @@ pub(super) fn write_colors(
     )
 }
 
-pub(super) fn write_linear(folder: &RunFolder, surface: &Surface, linear: &Linear) -> anyhow::Result<()> {
+pub(super) fn write_linear(
+    folder: &RunFolder,
+    surface: &Surface,
+    linear: &Linear,
+) -> anyhow::Result<()> {
     let (width, height) = (linear.panorama.width(), linear.panorama.height());
     std::fs::create_dir_all(folder.path("linear"))?;
     let attributes = PanoramaAttributes {
