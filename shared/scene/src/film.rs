@@ -58,8 +58,10 @@ pub const GAMMA: f64 = 2.2;
 const COLOR_FROM_DEPTH: DVec3 = DVec3::new(-0.025, 0.0, 0.0);
 /// Focal length over width: 525 pixels at VGA.
 const FOCAL_OVER_WIDTH: f64 = 525.0 / 640.0;
-/// Up to this reflectance one path a sample is enough.
+/// Up to this reflectance one path a sample is enough: a faint reflection has faint noise.
 const FAINT_R0: f32 = 0.15;
+/// From this width on a lobe sees several lamps at once, and three times the paths are taken.
+const WIDE_ALPHA: f32 = 0.1;
 /// What stands for the white level where nothing may clip.
 const UNSATURATED: f32 = 0.9;
 
@@ -382,11 +384,11 @@ impl Film {
         let Some((_, gloss, _)) = transport.gloss(point) else {
             return transport.matte(point);
         };
-        // A faint reflection has faint noise.
-        let paths = if gloss.r0.iter().any(|&r0| r0 > FAINT_R0) {
-            self.options.paths
-        } else {
-            1
+        let is_faint = gloss.r0.iter().all(|&r0| r0 <= FAINT_R0);
+        let paths = match (is_faint, gloss.alpha >= WIDE_ALPHA) {
+            (true, _) => 1,
+            (false, false) => self.options.paths,
+            (false, true) => 3 * self.options.paths,
         };
         let mut sum = [0.0; 3];
         for path in 0..paths {

@@ -1,7 +1,7 @@
 //! Shapes as triangle meshes with smooth normals. What has a closed form besides (a ball) keeps it: see
 //! [`crate::world::ExactSurface`].
 
-use glam::{Vec2, Vec3};
+use glam::{Quat, Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
 /// Triangles with a normal a vertex, counter-clockwise seen from outside.
@@ -157,6 +157,18 @@ impl Shape {
     pub fn moved(mut self, by: Vec3) -> Self {
         for position in &mut self.positions {
             *position += by;
+        }
+        self
+    }
+
+    /// Turns the shape about a point.
+    #[must_use]
+    pub fn rotated(mut self, rotation: Quat, pivot: Vec3) -> Self {
+        for position in &mut self.positions {
+            *position = pivot + rotation * (*position - pivot);
+        }
+        for normal in &mut self.normals {
+            *normal = rotation * *normal;
         }
         self
     }

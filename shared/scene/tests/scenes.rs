@@ -180,7 +180,7 @@ fn renders_have_the_mean_and_variance_of_their_samples() {
             paths,
             ..small(Some(EffectSet::all().without(Effect::Noise)), seed)
         };
-        Film::new("two-materials", options).unwrap()
+        Film::new("one-material", options).unwrap()
     };
     let statistics = |paths: u32, seeds: std::ops::Range<u64>| {
         let images: Vec<_> = seeds.map(|seed| film_of(paths, seed).light(1).0).collect();

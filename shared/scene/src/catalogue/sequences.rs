@@ -1,7 +1,9 @@
 //! Ten scenes that stand for the ten captures of the paper (Park 2020, figure 19), with far test views. `bowls` is
 //! among the designed ones.
 
-use glam::{Vec2, Vec3};
+use std::f32::consts::FRAC_PI_2;
+
+use glam::{Quat, Vec2, Vec3};
 
 use super::things::{black, coat, film, paint, print, table, wood};
 use crate::design::{Design, FrameSplit, ball, prop, target};
@@ -66,10 +68,15 @@ pub(super) fn cans() -> Design {
         size: 0.022,
         colors: [a, [0.02, 0.02, 0.02], [0.6, 0.6, 0.58]],
     };
-    let (left, right) = (Vec3::new(-0.055, 0.0, 0.0), Vec3::new(0.06, 0.0, 0.035));
+    let (left, right) = (Vec3::new(-0.09, 0.0, -0.03), Vec3::new(0.07, 0.0, 0.05));
+    // Walls that stand upright mirror the table: one can lies, its axis to the right and a little to the back.
+    let lying = can(0.04, 0.14, left)
+        .rotated(Quat::from_rotation_z(FRAC_PI_2), left)
+        .moved(Vec3::new(0.0, -0.04, 0.0))
+        .rotated(Quat::from_rotation_y(-0.4), left);
     sequence(
         "cans",
-        "two printed cans with a metal sheen",
+        "two printed cans with a metal sheen, one of them lying",
         0.0,
         vec![
             table(wood(), 0.4),
@@ -77,7 +84,7 @@ pub(super) fn cans() -> Design {
                 "red-can",
                 Material::glossy(bands([0.6, 0.06, 0.05]), film([0.3; 3], 0.03)),
                 left,
-                can(0.04, 0.14, left),
+                lying,
             ),
             target(
                 "blue-can",
