@@ -233,8 +233,6 @@ fn a_dry_run_says_what_is_settled_and_writes_nothing() {
         diffuse: Default::default(),
         object_box: None,
         effects: "-fresnel,+noise".parse().unwrap(),
-        map_height: 250,
-        frame_stride: 1,
         seed: 1,
         threads: 2,
     };
