@@ -1,26 +1,29 @@
 //! `glint train`: the stages one after the other, each with its outputs, cost and event.
 
+mod explain;
+mod outputs;
+
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
 use effects::{Counters, Effect, EffectRequests, EffectsFile, Habit, Verdict};
-use glam::DMat3;
-use imaging::{ConfidenceMap, Image, PanoramaAttributes, write_confidence_exr, write_rgb_exr};
 use raytrace::{MirrorQuery, Scene};
 use sequence::Recording;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
+pub use self::explain::explain;
+use self::outputs::{write_colors, write_geometry, write_linear};
+use crate::budget::Pacer;
 use crate::clock::{Cost, Stopwatch};
 use crate::effects::{self as called, Decided, EFFECTS_FILE, EffectPlan};
-use crate::ply::{self, PlyMesh};
 use crate::progress::Progress;
 use crate::run_folder::{Manifest, RunFolder};
 use crate::stages::Refusal;
 use crate::stages::diffuse::{VertexColors, vertex_colors};
 use crate::stages::geometry::{self, Geometry};
-use crate::stages::linear::{self, DiffuseOrder, GAIN, Linear, SRM_HEIGHT};
+use crate::stages::linear::{self, DiffuseOrder, LinearSettings, SRM_HEIGHT};
 use crate::stages::object::{DominantPlane, ObjectParts, Segment, WorldBox, find_object};
 use crate::stages::observe::{ColorView, FrameObservations, Observations, Surface, observe};
 use crate::stages::poses::{self, Posed, PosedFrame, REFINED};
@@ -88,6 +91,8 @@ pub struct TrainSummary {
     pub frames: usize,
     /// Triangles of the mesh.
     pub triangles: usize,
+    /// Pixels of the object that reflect, from which rows are made.
+    pub pixels: usize,
     /// Rows of the linear stage.
     pub rows: usize,
     /// Share of texels claimed.
@@ -149,9 +154,25 @@ impl Stages<'_> {
 
 /// Trains in profile `draft` into `folder`. Reads training frames only. Verdicts of a run that was in the folder
 /// before stand where this one's evidence leaves them open.
+///
+/// # Errors
+/// When recording or folder cannot be used, and where a stage refuses its input.
 pub fn train(
     config: &TrainConfig,
     folder: &RunFolder,
+    progress: &Progress,
+) -> anyhow::Result<TrainSummary> {
+    train_paced(config, folder, None, progress)
+}
+
+/// As [`train`], with settings that give way where a budget asks for it.
+///
+/// # Errors
+/// As [`train`].
+pub fn train_paced(
+    config: &TrainConfig,
+    folder: &RunFolder,
+    pacer: Option<&Pacer>,
     progress: &Progress,
 ) -> anyhow::Result<TrainSummary> {
     let whole = Stopwatch::start();
@@ -168,7 +189,7 @@ pub fn train(
         ground,
         decided,
         is_refined,
-    } = call(config, &recording, previous.as_ref(), &mut stages)?;
+    } = call(config, &recording, previous.as_ref(), pacer, &mut stages)?;
     if is_refined && config.poses != REFINED {
         let resolved = TrainConfig {
             poses: REFINED.to_owned(),
@@ -189,9 +210,11 @@ pub fn train(
         normal_sigma,
         triangle_count,
     } = ground;
+    let stride = config.pixel_stride;
+    let stride = pacer.map_or(stride, |pacer| pacer.before_diffuse(stride));
     let (observations, colors) = stages.run("diffuse", |progress| {
         look(
-            config,
+            stride,
             &recording,
             &decided.plan,
             (&surface, &normal_sigma),
@@ -200,15 +223,18 @@ pub fn train(
             progress,
         )
     })?;
+    let mut settings = LinearSettings {
+        diffuse: config.diffuse,
+        map_height: config.map_height,
+        row_step: 1,
+        rounds: None,
+    };
+    let pixel_count = observations.iter().map(|frame| frame.pixels.len()).sum();
+    if let Some(pacer) = pacer {
+        settings = pacer.before_linear(settings, pixel_count);
+    }
     let linear = stages.run("linear", |_| {
-        let linear = linear::solve(
-            &surface,
-            &observations,
-            &colors,
-            config.diffuse,
-            config.map_height,
-            &decided.plan,
-        )?;
+        let linear = linear::solve(&surface, &observations, &colors, &settings, &decided.plan)?;
         write_linear(folder, &surface, &linear)?;
         Ok(linear)
     })?;
@@ -236,6 +262,7 @@ pub fn train(
         found_specular: linear.summary.found_specular,
         frames: frames.len(),
         triangles: triangle_count,
+        pixels: pixel_count,
         rows: linear.summary.row_count,
         claimed_fraction: linear.summary.claimed_fraction,
         effects: verdicts(&decided.file),
@@ -270,6 +297,7 @@ fn call(
     config: &TrainConfig,
     recording: &Recording,
     previous: Option<&EffectsFile>,
+    pacer: Option<&Pacer>,
     stages: &mut Stages<'_>,
 ) -> anyhow::Result<Called> {
     let folder = stages.folder;
@@ -291,6 +319,8 @@ fn call(
         })
     };
     let deciding = |stages: &mut Stages<'_>, ground: &Ground, posed: &Posed| {
+        let requests =
+            pacer.map_or_else(|| requests.clone(), |pacer| pacer.before_effects(&requests));
         stages.run("effects", |_| {
             let request = called::Request {
                 requests: &requests,
@@ -406,7 +436,7 @@ fn surface_of(geometry: Geometry, parts: ObjectParts, voxel_size: f32) -> anyhow
 
 /// Stage `diffuse`: pixels and colours of the training frames.
 fn look(
-    config: &TrainConfig,
+    stride: u32,
     recording: &Recording,
     plan: &EffectPlan,
     (surface, normal_sigma): (&Surface, &[f32]),
@@ -423,7 +453,7 @@ fn look(
         surface,
         normal_sigma,
         frames,
-        &plan.pixel_rules(config.pixel_stride),
+        &plan.pixel_rules(stride),
         &|done, of| progress.step(done, of),
     )?;
     let colors = vertex_colors(surface, &observations);
@@ -439,128 +469,9 @@ fn look(
     Ok((observations, colors))
 }
 
-/// What `--explain --dry-run` says: verdicts by survey and bounds on a coarse surface; nothing is written.
-///
-/// # Errors
-/// As training, before its first solve.
-pub fn explain(config: &TrainConfig, progress: &Progress) -> anyhow::Result<EffectsFile> {
-    let recording = Recording::open(&config.recording)?;
-    let set = poses::start_set(&recording, &config.poses)?;
-    let frames = poses::training_frames(&recording, set)?;
-    progress.stage("geometry");
-    let voxel_size = (DRY_RUN_VOXELS * config.voxel_mm * 1e-3) as f32;
-    let some = every_nth(&frames, DRY_RUN_FRAMES);
-    let geometry = geometry::build(&recording, &some, voxel_size, &mut |done, of| {
-        progress.step(done, of);
-    })?;
-    let parts = find_object(&geometry.mesh, config.object_box.as_ref(), config.seed);
-    let ground = surface_of(geometry, parts, voxel_size)?;
-    progress.stage("effects");
-    let request = called::Request {
-        requests: &config.effects,
-        habit: Habit::Cheap,
-        previous: None,
-        refinement: None,
-        compares: false,
-        stride: config.pixel_stride,
-        seed: config.seed,
-    };
-    Ok(called::decide(&recording, &ground.surface, &frames, &request)?.file)
-}
-
-/// Voxels of a dry run over those of training.
-const DRY_RUN_VOXELS: f64 = 2.0;
-/// Frames that its surface is made from.
-const DRY_RUN_FRAMES: usize = 60;
-
-fn every_nth(frames: &[PosedFrame], count: usize) -> Vec<PosedFrame> {
-    let step = frames.len().div_ceil(count).max(1);
-    frames.iter().step_by(step).copied().collect()
-}
-
 /// Says how many frames were left out as repeats.
 fn note_repeats(stream: &str, count: usize) {
     if count > 0 {
         tracing::info!("{count} frames left out: their {stream} repeats the frame before");
     }
-}
-
-fn write_geometry(
-    folder: &RunFolder,
-    geometry: &Geometry,
-    parts: &ObjectParts,
-) -> anyhow::Result<()> {
-    let mesh = PlyMesh {
-        positions: geometry.mesh.positions.clone(),
-        normals: geometry.mesh.normals.clone(),
-        linear: Vec::new(),
-        segments: parts.vertex_segment.clone(),
-        triangles: geometry.mesh.triangles.clone(),
-        origin: geometry.mesh.origin,
-    };
-    folder.write(MESH_FILE, &ply::to_bytes(&mesh))?;
-    folder.write_json("geometry/summary.json", &geometry.summary)?;
-    folder.write_json(
-        "geometry/object.json",
-        &ObjectSummary {
-            planes: parts.planes.clone(),
-            segments: parts.segments.clone(),
-        },
-    )
-}
-
-fn colored(surface: &Surface, linear: Vec<[f32; 3]>) -> PlyMesh {
-    PlyMesh {
-        positions: surface.positions.clone(),
-        normals: surface.normals.clone(),
-        linear,
-        segments: surface.vertex_segment.clone(),
-        triangles: surface.triangles.clone(),
-        origin: surface.origin,
-    }
-}
-
-fn write_colors(
-    folder: &RunFolder,
-    surface: &Surface,
-    colors: &VertexColors,
-) -> anyhow::Result<()> {
-    folder.write(
-        "diffuse/robust-minimum.ply",
-        &ply::to_bytes(&colored(surface, colors.robust_minimum.clone())),
-    )?;
-    folder.write(
-        MEDIAN_FILE,
-        &ply::to_bytes(&colored(surface, colors.median.clone())),
-    )
-}
-
-fn write_linear(folder: &RunFolder, surface: &Surface, linear: &Linear) -> anyhow::Result<()> {
-    let (width, height) = (linear.panorama.width(), linear.panorama.height());
-    std::fs::create_dir_all(folder.path("linear"))?;
-    let attributes = PanoramaAttributes {
-        world_from_panorama: DMat3::IDENTITY,
-        origin: surface.origin,
-        radius: f64::INFINITY,
-        gain: f64::from(GAIN),
-    };
-    let map = Image::from_vec(width, height, linear.specular_map.clone())?;
-    write_rgb_exr(&folder.path(SRM_FILE), &map, &attributes)?;
-    let confidence = &linear.confidence;
-    let map = ConfidenceMap {
-        confidence: Image::from_vec(width, height, confidence.confidence.clone())?,
-        sigma: Image::from_vec(width, height, confidence.sigma.clone())?,
-        sample_count: Image::from_vec(width, height, confidence.sample_count.clone())?,
-        flags: Image::from_vec(
-            width,
-            height,
-            confidence.flags.iter().map(|f| f.0).collect(),
-        )?,
-    };
-    write_confidence_exr(&folder.path(CONFIDENCE_FILE), &map)?;
-    folder.write(
-        LINEAR_DIFFUSE_FILE,
-        &ply::to_bytes(&colored(surface, linear.diffuse.clone())),
-    )?;
-    folder.write_json("linear/summary.json", &linear.summary)
 }

@@ -228,11 +228,11 @@ fn a_dry_run_says_what_is_settled_and_writes_nothing() {
         poses: "source".to_owned(),
         voxel_mm: 4.0,
         pixel_stride: 2,
+        map_height: 250,
+        frame_stride: 1,
         diffuse: Default::default(),
         object_box: None,
         effects: "-fresnel,+noise".parse().unwrap(),
-        map_height: 250,
-        frame_stride: 1,
         seed: 1,
         threads: 2,
     };

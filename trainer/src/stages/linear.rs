@@ -136,6 +136,23 @@ const STATED_ROWS_PER_VERTEX: f64 = 10.0;
 /// One row in this many takes part in the choices.
 const CHOICE_STEP: usize = 3;
 
+/// One row in `step`, the last of each.
+fn every_nth(rows: &Rows, step: usize) -> Rows {
+    let mut position = 0_usize;
+    rows.filtered(|_| {
+        position += 1;
+        position.is_multiple_of(step)
+    })
+}
+
+fn thinned(rows: Rows, step: usize) -> Rows {
+    if step > 1 {
+        every_nth(&rows, step)
+    } else {
+        rows
+    }
+}
+
 /// Solver settings of the choices: they rank, and need fewer steps than the result.
 fn choice_settings() -> JointSettings {
     let mut settings = JointSettings {
@@ -150,7 +167,20 @@ fn choice_settings() -> JointSettings {
 /// Heights that a map may have.
 pub const MAP_HEIGHTS: std::ops::RangeInclusive<u32> = 16..=1000;
 
-/// Solves the stage for a map of `map_height` rows.
+/// How the stage is solved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LinearSettings {
+    /// Treatment of D.
+    pub diffuse: DiffuseOrder,
+    /// Rows of the map.
+    pub map_height: u32,
+    /// One in this many of the pixels gives a row; 1 for all.
+    pub row_step: usize,
+    /// Rounds of robust reweighting; the solver's own number when absent.
+    pub rounds: Option<usize>,
+}
+
+/// Solves the stage.
 ///
 /// # Errors
 /// When the rows make no problem, or the map would have a height out of [`MAP_HEIGHTS`].
@@ -158,10 +188,15 @@ pub fn solve(
     surface: &Surface,
     observations: &[FrameObservations],
     colors: &VertexColors,
-    order: DiffuseOrder,
-    map_height: u32,
+    settings: &LinearSettings,
     plan: &EffectPlan,
 ) -> anyhow::Result<Linear> {
+    let LinearSettings {
+        diffuse: order,
+        map_height,
+        row_step,
+        rounds,
+    } = *settings;
     let panorama = PanoramaSize::from_height(map_height)
         .filter(|_| MAP_HEIGHTS.contains(&map_height))
         .with_context(|| {
@@ -177,7 +212,7 @@ pub fn solve(
         plan,
     };
     let mut counters = Counters::default();
-    let mut rows = maker.rows(observations, None, &mut counters);
+    let mut rows = thinned(maker.rows(observations, None, &mut counters), row_step);
     let object_count: usize = observations.iter().map(|frame| frame.object_count).sum();
     let dropped: usize = observations.iter().map(|frame| frame.dropped_count).sum();
     let dropped_fraction = dropped as f64 / object_count.max(1) as f64;
@@ -199,11 +234,7 @@ pub fn solve(
         ));
     }
     let per_vertex = |rows: &Rows| rows.len() as f64 / vertices.full.len().max(1) as f64;
-    let mut position = 0_usize;
-    let sparse = rows.filtered(|_| {
-        position += 1;
-        position.is_multiple_of(CHOICE_STEP)
-    });
+    let sparse = every_nth(&rows, CHOICE_STEP);
     let scale = per_vertex(&sparse) / STATED_ROWS_PER_VERTEX;
     let weights = WEIGHTS.map(|weight| weight * scale);
     let choice = selection::choose(
@@ -243,11 +274,9 @@ pub fn solve(
     }
     if plan.computed.contains(Effect::FirstBounceSpecular) {
         // Only now is it known which first bounces mirror.
-        rows = maker.rows(
-            observations,
-            Some(&specular_segments),
-            &mut Counters::default(),
-        );
+        let counters = &mut Counters::default();
+        let mirrored = maker.rows(observations, Some(&specular_segments), counters);
+        rows = thinned(mirrored, row_step);
     }
     let shiny = rows.filtered(|row| specular_segments.contains(&row.segment));
     let diffuse_weight = choice.weight / scale;
@@ -270,6 +299,7 @@ pub fn solve(
             },
             DiffuseOrder::MinimumFixed => DiffuseTreatment::Fixed { values: minimum() },
         },
+        rounds: rounds.unwrap_or(JointSettings::default().rounds),
         ..JointSettings::default()
     };
     let problem = Problem::new(shiny, vertices.full.len(), panorama)?;

@@ -3,6 +3,9 @@
 //! What repeats bit for bit must do so; the cost may differ by a quarter. The result is a line of the journal and
 //! stands on the page.
 
+#[cfg(test)]
+mod tests;
+
 use std::path::Path;
 
 use anyhow::{Context as _, ensure};

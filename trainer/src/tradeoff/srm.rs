@@ -18,10 +18,11 @@ use super::subject::{Axis, Knob, PointFigures, PointRunner, Setting, Subject};
 use crate::budget::bench;
 use crate::eval::environment::{self, EnvironmentMetrics};
 use crate::eval::model::Model;
+use crate::eval::trajectory::{frames_to_source, posed_frames};
 use crate::eval::views::{self, ViewError};
 use crate::run_folder::RunFolder;
-use crate::stages::poses::poses_of_run;
-use crate::train::{CONFIDENCE_FILE, LINEAR_DIFFUSE_FILE, SRM_FILE};
+use crate::stages::poses::{REFINED, poses_of_run};
+use crate::train::{CONFIDENCE_FILE, LINEAR_DIFFUSE_FILE, SRM_FILE, TrainConfig};
 
 /// Core-seconds of the training.
 pub const COST: Axis = Axis {
@@ -165,7 +166,7 @@ impl PointRunner for SrmRunner {
         let mut figures = self.judge(&run)?;
         let mut take = |key: &str, value: f64| figures.metrics.insert(key.to_owned(), value);
         take(COST.key, core_s);
-        for key in ["rows", "frames", "triangles", "rss_peak_mb"] {
+        for key in ["pixels", "rows", "frames", "triangles", "rss_peak_mb"] {
             let value = summary[key].as_f64();
             take(
                 key,
@@ -200,17 +201,29 @@ impl SrmRunner {
         if let Some(figures) = self.judged.borrow().get(&key) {
             return Ok(figures.clone());
         }
+        let recording = Recording::open(&self.recording)?;
+        let config: TrainConfig =
+            toml::from_str(&std::fs::read_to_string(run.path("config.toml"))?)?;
+        let poses = poses_of_run(run, &recording, &config.poses)?;
+        // Refined poses have a world of their own.
+        let to_source = match config.poses.as_str() {
+            REFINED => frames_to_source(&recording, &posed_frames(&recording, &poses), REFINED)?,
+            _ => None,
+        };
         let room = environment::evaluate(
             &run.path(SRM_FILE),
             &run.path(CONFIDENCE_FILE),
             &self.truth,
-            None,
+            to_source.map(|found| found.reference_from_estimate.rotation()),
             self.truth_alpha,
             None,
         )?;
         let mut metrics = room_figures(&room);
-        if let Some(error) = self.photographs(run)? {
-            metrics.extend(view_figures(&error));
+        let masks = self.masks.as_deref();
+        let model = Model::load(run)?;
+        let judged = views::evaluate_at(&recording, &model, &poses, masks, &|_, _| {})?;
+        if let Some((views, _)) = judged {
+            metrics.extend(view_figures(&views.composition));
         }
         let figures = PointFigures {
             metrics,
@@ -218,18 +231,6 @@ impl SrmRunner {
         };
         self.judged.borrow_mut().insert(key, figures.clone());
         Ok(figures)
-    }
-
-    fn photographs(&self, run: &RunFolder) -> anyhow::Result<Option<ViewError>> {
-        let recording = Recording::open(&self.recording)?;
-        let judged = views::evaluate_at(
-            &recording,
-            &Model::load(run)?,
-            &poses_of_run(run, &recording, "source")?,
-            self.masks.as_deref(),
-            &|_, _| {},
-        )?;
-        Ok(judged.map(|(metrics, _)| metrics.composition))
     }
 }
 
