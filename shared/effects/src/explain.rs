@@ -37,7 +37,7 @@ fn reason(record: &EffectRecord) -> String {
             probe.delta, probe.blocks, probe.on_above
         ),
         None => format!(
-            "gains {:.2} codes on fitted frames, threshold {:.2}; the recording is too short for a probe",
+            "gains {:.2} codes without an interval, threshold {:.2}; the recording is too short for a probe",
             probe.delta, probe.on_above
         ),
     });

@@ -6,6 +6,9 @@ use std::ops::Range;
 pub const BLOCK_COUNT: usize = 10;
 /// Fewest frames of a block, in correlation times: shorter ones are not independent.
 pub const BLOCK_TAUS: f64 = 3.0;
+/// Blocks of a recording that is too short for those: few and long, because a free map foresees the frames beside those
+/// that it was fitted to, whatever stands in the way of the mirrored rays.
+pub const SHORT_BLOCKS: usize = 4;
 /// Frames on both sides of a held-out block that take no part in fitting, in correlation times.
 pub const GUARD_TAUS: f64 = 1.0;
 /// Fewest blocks that may remain when some of them say nothing.
@@ -37,6 +40,15 @@ impl BlockPlan {
             blocks,
             guard: (GUARD_TAUS * tau).ceil() as usize,
         })
+    }
+
+    /// [`SHORT_BLOCKS`] blocks of a recording that is too short for [`BlockPlan::new`], without guards. They depend on
+    /// each other, so that no interval may be made from them.
+    pub fn dependent(frame_count: usize) -> Self {
+        let blocks = (0..SHORT_BLOCKS)
+            .map(|i| i * frame_count / SHORT_BLOCKS..(i + 1) * frame_count / SHORT_BLOCKS)
+            .collect();
+        Self { blocks, guard: 0 }
     }
 
     /// The block of a frame.

@@ -26,7 +26,8 @@ pub enum DecidedBy {
     Bound,
     /// The held-out comparison.
     Probe,
-    /// The comparison on fitted frames: the recording is too short for an honest probe.
+    /// The comparison on fitted frames or on held-out blocks that depend on each other: the recording is too short for an
+    /// honest probe.
     Survey,
     /// Undecided: the verdict of the run before stands.
     Previous,
@@ -99,8 +100,8 @@ impl ErrorPair {
 pub enum Comparison {
     /// Held-out blocks.
     Blocks(Vec<ErrorPair>),
-    /// Fitted frames: no probe is honest.
-    Fitted(ErrorPair),
+    /// Means over blocks that depend on each other: no interval is honest.
+    Short(ErrorPair),
 }
 
 /// Numbers of a comparison, part of `effects.json`, codes.
@@ -128,7 +129,7 @@ impl ProbeFigures {
     /// The figures of a comparison.
     pub fn of(comparison: &Comparison) -> Self {
         let (pair, interval) = match comparison {
-            Comparison::Fitted(pair) => (*pair, None),
+            Comparison::Short(pair) => (*pair, None),
             Comparison::Blocks(pairs) => {
                 let gains: Vec<f64> = pairs.iter().map(ErrorPair::gain).collect();
                 let n = pairs.len().max(1) as f64;
@@ -189,7 +190,7 @@ pub fn by_bound(bound_codes: f64, rule: &Rule, previous: Option<Verdict>) -> Opt
 }
 
 /// Rules 3 and 4: the comparison decides where it is sure, else the run before, else the profile. Without an honest
-/// probe the fitted frames decide, in every profile.
+/// probe the mean gain over dependent blocks decides, in every profile.
 pub fn by_probe(figures: &ProbeFigures, rule: &Rule, previous: Option<Verdict>) -> Decision {
     let limit = figures.on_above;
     let Some([low, high]) = figures.ci else {

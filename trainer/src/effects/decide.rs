@@ -285,7 +285,7 @@ fn probed(
         numbers.tau_frames = probe::correlation_time(probe::autocorrelation(&errors), step);
         let blocks = BlockPlan::new(survey.views.frame_count, numbers.tau_frames);
         numbers.blocks = blocks.as_ref().map_or(0, |plan| plan.blocks.len());
-        trial.hold_out(blocks);
+        trial.hold_out(blocks, survey.views.frame_count);
     }
     let selection = select(&candidates, start, rule, &mut |base, added| {
         trial.compare(base, added)

@@ -60,6 +60,20 @@ fn a_short_recording_has_no_blocks() {
 }
 
 #[test]
+fn quarters_of_a_short_recording_cover_it_and_each_frame_is_fitted_or_judged() {
+    for frame_count in [0, 1, 3, 4, 90, 205] {
+        let plan = BlockPlan::dependent(frame_count);
+        assert_eq!(plan.blocks.len(), SHORT_BLOCKS);
+        assert_eq!(plan.blocks[SHORT_BLOCKS - 1].end, frame_count);
+        let held = |block: usize| block % 2 == 1;
+        for frame in 0..frame_count {
+            let block = plan.block_of(frame).unwrap();
+            assert_ne!(plan.is_fitted(frame, held), held(block), "{frame}");
+        }
+    }
+}
+
+#[test]
 fn the_interval_of_too_few_or_unusable_blocks_is_absent() {
     assert!(interval(&[1.0; FEWEST_BLOCKS - 1]).is_none());
     let mut values = [1.0; 10];

@@ -178,7 +178,7 @@ fn an_audit_looks_only_where_the_bound_was_close() {
     assert!(!needs_audit(off, 0.05, &RULE));
     assert!(!needs_audit(Decision::off(DecidedBy::Probe), 0.2, &RULE));
     let figures = |gain: f64| {
-        ProbeFigures::of(&Comparison::Fitted(ErrorPair {
+        ProbeFigures::of(&Comparison::Short(ErrorPair {
             l1_off: 5.0,
             l1_on: 5.0 - gain,
         }))

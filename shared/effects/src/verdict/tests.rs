@@ -72,9 +72,9 @@ fn what_is_undecided_stays_or_follows_the_profile() {
 }
 
 #[test]
-fn a_short_recording_follows_its_fitted_frames_in_every_profile() {
+fn a_short_recording_follows_its_mean_gain_in_every_profile() {
     let fitted = |gain: f64| {
-        ProbeFigures::of(&Comparison::Fitted(ErrorPair {
+        ProbeFigures::of(&Comparison::Short(ErrorPair {
             l1_off: 5.0,
             l1_on: 5.0 - gain,
         }))

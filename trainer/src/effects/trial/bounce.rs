@@ -9,9 +9,11 @@ use raytrace::Hit;
 use crate::effects::views::{SurveyPixel, SurveyViews, bilinear};
 use crate::stages::observe::Surface;
 
-/// Edge of the cells over which the colours of first bounces are averaged, 3 x 3 x 3 of them, metres: a lobe blurs what
-/// it mirrors, and an unsure normal misses it.
-const BLUR_CELL: f32 = 0.04;
+/// Edges of the cells over which the colours of first bounces are averaged, 3 x 3 x 3 of them, metres: a survey pixel on
+/// a curved mirror sees centimetres of what it mirrors, a wide lobe more, and an unsure normal misses it.
+const BLUR_CELLS: [f32; 2] = [0.01, 0.04];
+/// How a first bounce may be seen: sharp, and averaged over each size of cells.
+pub(super) const BLUR_COUNT: usize = 1 + BLUR_CELLS.len();
 
 /// Colour of a surface over the views.
 #[derive(Clone, Copy)]
@@ -33,12 +35,13 @@ struct ColorSum {
 pub(super) struct BounceColors {
     /// Median and lower decile of the vertices that some view sees.
     vertices: BTreeMap<u32, [[f64; 3]; 2]>,
-    cells: BTreeMap<[i64; 3], ColorSum>,
+    /// For each of [`BLUR_CELLS`].
+    cells: [BTreeMap<[i64; 3], ColorSum>; BLUR_CELLS.len()],
 }
 
 impl BounceColors {
-    fn key(position: Vec3) -> [i64; 3] {
-        [position.x, position.y, position.z].map(|value| (value / BLUR_CELL).floor() as i64)
+    fn key(position: Vec3, edge: f32) -> [i64; 3] {
+        [position.x, position.y, position.z].map(|value| (value / edge).floor() as i64)
     }
 
     /// Median and lower decile over the views of every vertex that a first bounce meets, summed by cell.
@@ -58,7 +61,7 @@ impl BounceColors {
             .par_iter()
             .map(|&vertex| quantiles(views, surface, vertex as usize))
             .collect();
-        let mut cells: BTreeMap<[i64; 3], ColorSum> = BTreeMap::new();
+        let mut cells: [BTreeMap<[i64; 3], ColorSum>; BLUR_CELLS.len()] = Default::default();
         let known: BTreeMap<u32, [[f64; 3]; 2]> = vertices
             .into_iter()
             .zip(colors)
@@ -66,12 +69,14 @@ impl BounceColors {
             .collect();
         for (&vertex, [median, low]) in &known {
             let position = surface.positions[vertex as usize];
-            let sum = cells.entry(Self::key(position)).or_default();
-            for c in 0..3 {
-                sum.median[c] += median[c];
-                sum.low[c] += low[c];
+            for (cells, edge) in cells.iter_mut().zip(BLUR_CELLS) {
+                let sum = cells.entry(Self::key(position, edge)).or_default();
+                for c in 0..3 {
+                    sum.median[c] += median[c];
+                    sum.low[c] += low[c];
+                }
+                sum.count += 1.0;
             }
-            sum.count += 1.0;
         }
         Self {
             vertices: known,
@@ -79,8 +84,16 @@ impl BounceColors {
         }
     }
 
+    /// The colour at a hit: sharp, then averaged over ever larger cells.
+    pub(super) fn at(&self, surface: &Surface, bounce: &Hit) -> [BounceColor; BLUR_COUNT] {
+        std::array::from_fn(|blur| match blur.checked_sub(1) {
+            None => self.sharp(surface, bounce),
+            Some(size) => self.blurred(surface, bounce, size),
+        })
+    }
+
     /// The colour at a hit; that around it where no view sees its vertices.
-    pub(super) fn sharp(&self, surface: &Surface, bounce: &Hit) -> BounceColor {
+    fn sharp(&self, surface: &Surface, bounce: &Hit) -> BounceColor {
         let weights = [1.0 - bounce.u - bounce.v, bounce.u, bounce.v].map(f64::from);
         let mut mixed = [[0.0; 3]; 2];
         for (vertex, weight) in surface.triangles[bounce.triangle as usize]
@@ -88,7 +101,7 @@ impl BounceColors {
             .zip(weights)
         {
             let Some(colors) = self.vertices.get(vertex) else {
-                return self.blurred(surface, bounce);
+                return self.blurred(surface, bounce, 0);
             };
             for (mixed, color) in mixed.iter_mut().zip(colors) {
                 for c in 0..3 {
@@ -101,13 +114,14 @@ impl BounceColors {
     }
 
     /// The colour around a hit; black where no view sees anything there.
-    pub(super) fn blurred(&self, surface: &Surface, bounce: &Hit) -> BounceColor {
-        let middle = Self::key(surface.interpolate(&surface.positions, bounce));
+    fn blurred(&self, surface: &Surface, bounce: &Hit, size: usize) -> BounceColor {
+        let position = surface.interpolate(&surface.positions, bounce);
+        let middle = Self::key(position, BLUR_CELLS[size]);
         let mut whole = ColorSum::default();
         for step in 0..27 {
             let offset = [step % 3 - 1, step / 3 % 3 - 1, step / 9 - 1];
             let key = std::array::from_fn(|axis| middle[axis] + offset[axis]);
-            if let Some(cell) = self.cells.get(&key) {
+            if let Some(cell) = self.cells[size].get(&key) {
                 for c in 0..3 {
                     whole.median[c] += cell.median[c];
                     whole.low[c] += cell.low[c];

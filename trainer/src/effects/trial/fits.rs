@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use effects::{Effect, EffectSet};
 use srm::{JointSettings, Problem, Row, Rows};
 
+use super::bounce::BLUR_COUNT;
 use super::{Trial, reflected, residual};
 use crate::effects::fresnel::{FresnelFit, LARGEST_KAPPA, rise};
 
@@ -64,7 +65,7 @@ impl Trial {
         Ok(fits(&chosen))
     }
 
-    /// Finds what each segment reflects of its first bounces, and whether sharply or blurred: the best of a few shares
+    /// Finds what each segment reflects of its first bounces, and how blurred: the best of a few shares
     /// for all, then for each of the segments half and double of that.
     pub(super) fn fit_bounce_gains(&mut self, set: EffectSet) -> anyhow::Result<()> {
         let mut count: BTreeMap<u16, usize> = BTreeMap::new();
@@ -72,19 +73,19 @@ impl Trial {
             *count.entry(row.base.segment).or_default() += 1;
         }
         let mut best = (f64::INFINITY, BTreeMap::new());
-        let mut best_is_blurred = false;
-        for is_blurred in [false, true] {
-            self.is_blurred = is_blurred;
+        let mut best_blur = 0;
+        for blur in 0..BLUR_COUNT {
+            self.blur = blur;
             for share in BOUNCE_GAINS {
                 let before = best.0;
                 let gains = count.keys().map(|&segment| (segment, share)).collect();
                 self.try_bounce_gains(set, gains, &mut best)?;
                 if best.0 < before {
-                    best_is_blurred = is_blurred;
+                    best_blur = blur;
                 }
             }
         }
-        self.is_blurred = best_is_blurred;
+        self.blur = best_blur;
         let mut largest: Vec<u16> = count.keys().copied().collect();
         largest.sort_by_key(|segment| (std::cmp::Reverse(count[segment]), *segment));
         if largest.len() > 1 {

@@ -15,7 +15,7 @@ use geometry::PanoramaSize;
 use srm::rows::luminance;
 use srm::{DiffuseTreatment, JointSettings, Problem, Row, Rows};
 
-use self::bounce::{BounceColor, BounceColors};
+use self::bounce::{BLUR_COUNT, BounceColor, BounceColors};
 use super::fresnel::FresnelFit;
 use super::views::{SurveyPixel, SurveyViews};
 use crate::stages::observe::Surface;
@@ -39,10 +39,8 @@ const GAIN: f32 = 0.3;
 struct TrialRow {
     base: Row,
     cosine: f32,
-    /// Colour of the first bounce: on average, and without what it mirrors.
-    bounce: Option<BounceColor>,
-    /// The same as a blurred mirror shows it.
-    blurred: Option<BounceColor>,
+    /// Colour of the first bounce, sharp and as ever more blurred mirrors show it.
+    bounce: Option<[BounceColor; BLUR_COUNT]>,
     /// Texels and weights of the second mirrored direction.
     second: Option<([u32; 4], [f32; 4])>,
 }
@@ -56,11 +54,14 @@ pub(super) struct Trial {
     fresnel: Option<(EffectSet, BTreeMap<u16, FresnelFit>)>,
     /// What segments reflect of their first bounces over the common gain, found when first bounces are tried.
     bounce_gains: BTreeMap<u16, f32>,
-    /// Whether first bounces are seen in a blurred mirror.
-    is_blurred: bool,
+    /// How blurred a mirror first bounces are seen in, found with their shares.
+    blur: usize,
+    /// What is held out; `None` until that is known.
     blocks: Option<BlockPlan>,
-    /// Residuals by set, so that none is solved twice.
-    judged: BTreeMap<EffectSet, Rc<Vec<(usize, f64)>>>,
+    /// Whether the blocks are long enough for an interval.
+    is_honest: bool,
+    /// Residuals by set and whether their blocks were held out, so that none is solved twice.
+    judged: BTreeMap<(EffectSet, bool), Rc<Vec<(usize, f64)>>>,
 }
 
 impl Trial {
@@ -109,8 +110,7 @@ impl Trial {
                         segment: pixel.segment,
                     },
                     cosine: pixel.cosine,
-                    bounce: pixel.bounce.map(|bounce| colors.sharp(surface, &bounce)),
-                    blurred: pixel.bounce.map(|bounce| colors.blurred(surface, &bounce)),
+                    bounce: pixel.bounce.map(|bounce| colors.at(surface, &bounce)),
                     second: pixel.second.map(|direction| {
                         let taps = panorama.taps(direction.as_dvec3());
                         (taps.texels, taps.weights)
@@ -124,15 +124,20 @@ impl Trial {
             panorama,
             fresnel: None,
             bounce_gains: BTreeMap::new(),
-            is_blurred: false,
+            blur: 0,
             blocks: None,
+            is_honest: false,
             judged: BTreeMap::new(),
         })
     }
 
-    /// Sets the blocks that are held out; `None` for comparisons on fitted frames.
-    pub(super) fn hold_out(&mut self, blocks: Option<BlockPlan>) {
-        self.blocks = blocks;
+    /// Sets the blocks that are held out. `honest`: blocks that say independent things; `None` where the recording is too
+    /// short for them. Then dependent ones are held out where a map that nothing blocks is compared: on fitted frames it
+    /// wins by painting what it cannot foresee. All other effects add a term with at most a parameter a part to the same
+    /// map, and fitted frames judge them more sharply than far ones.
+    pub(super) fn hold_out(&mut self, honest: Option<BlockPlan>, frame_count: usize) {
+        self.is_honest = honest.is_some();
+        self.blocks = honest.or_else(|| Some(BlockPlan::dependent(frame_count)));
         self.judged.clear();
     }
 
@@ -174,7 +179,8 @@ impl Trial {
         if added.contains(Effect::FirstBounce) && self.bounce_gains.is_empty() {
             self.fit_bounce_gains(with)?;
         }
-        let (off, on) = (self.judged(base)?, self.judged(with)?);
+        let holds_out = self.is_honest || added.contains(Effect::Visibility);
+        let (off, on) = (self.judged(base, holds_out)?, self.judged(with, holds_out)?);
         let off = self.mean_errors(added, &off);
         let on = self.mean_errors(added, &on);
         let pairs = off
@@ -183,15 +189,15 @@ impl Trial {
             .map(|(&l1_off, &l1_on)| ErrorPair { l1_off, l1_on })
             .filter(|pair| pair.l1_off.is_finite() && pair.l1_on.is_finite());
         let pairs: Vec<ErrorPair> = pairs.collect();
-        Ok(match (&self.blocks, &pairs[..]) {
-            (Some(_), _) => Comparison::Blocks(pairs),
-            (None, [pair]) => Comparison::Fitted(*pair),
-            // No row is of the kind that the effect is about.
-            (None, _) => Comparison::Fitted(ErrorPair {
-                l1_off: 0.0,
-                l1_on: 0.0,
-            }),
-        })
+        if self.is_honest {
+            return Ok(Comparison::Blocks(pairs));
+        }
+        // Without a pair no row is of the kind that the effect is about.
+        let count = pairs.len().max(1) as f64;
+        Ok(Comparison::Short(ErrorPair {
+            l1_off: pairs.iter().map(|pair| pair.l1_off).sum::<f64>() / count,
+            l1_on: pairs.iter().map(|pair| pair.l1_on).sum::<f64>() / count,
+        }))
     }
 
     /// Finds the rise of every segment's reflectance beside the effects of `base`, where it is not known yet: what a
@@ -206,17 +212,18 @@ impl Trial {
         }
         let fits = self.fresnel_fits(base)?;
         self.fresnel = Some((base, fits));
-        self.judged.retain(|set, _| !set.contains(Effect::Fresnel));
+        self.judged
+            .retain(|(set, _), _| !set.contains(Effect::Fresnel));
         Ok(())
     }
 
-    /// |residual| of every row that can be judged with `set`: by fits that do not hold its block, or, without blocks,
-    /// by the fit of all.
-    fn judged(&mut self, set: EffectSet) -> anyhow::Result<Rc<Vec<(usize, f64)>>> {
-        if let Some(known) = self.judged.get(&set) {
+    /// |residual| of every row that can be judged with `set`: by fits that do not hold its block, or, where none is held
+    /// out, by the fit of all.
+    fn judged(&mut self, set: EffectSet, holds_out: bool) -> anyhow::Result<Rc<Vec<(usize, f64)>>> {
+        if let Some(known) = self.judged.get(&(set, holds_out)) {
             return Ok(Rc::clone(known));
         }
-        let found = match &self.blocks {
+        let found = match self.blocks.as_ref().filter(|_| holds_out) {
             None => self.residuals(set, &|_| true, &|_| true)?,
             Some(plan) => {
                 let mut found = Vec::new();
@@ -230,7 +237,7 @@ impl Trial {
             }
         };
         let found = Rc::new(found);
-        self.judged.insert(set, Rc::clone(&found));
+        self.judged.insert((set, holds_out), Rc::clone(&found));
         Ok(found)
     }
 
@@ -329,12 +336,9 @@ impl Trial {
             .and_then(|fits| fits.get(&row.base.segment))
             .map_or(1.0, |fit| fit.factor(row.cosine));
         if set.contains(Effect::Visibility)
-            && let Some(color) = if self.is_blurred {
-                row.blurred
-            } else {
-                row.bounce
-            }
+            && let Some(colors) = &row.bounce
         {
+            let color = colors[self.blur];
             composed.taps = [0.0; 4];
             let mut shown = color.median;
             if set.contains(Effect::FirstBounceSpecular)
