@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use effects::EffectRequests;
 use rustix::time::{ClockId, clock_gettime};
 
-use super::pick::Plan;
+use super::pick::{Plan, with_poses};
 use crate::stages::linear::LinearSettings;
 
 /// Every how many pixels are left in the last resort.
@@ -19,6 +19,9 @@ const FEW_ROUNDS_SHARE: f64 = 0.8;
 /// Rows of the map in the last resort.
 const SMALL_MAP: u32 = 62;
 
+/// Beyond this a stage was another kind of work than planned, and says nothing of the rest.
+const SLOWEST: f64 = 3.0;
+
 /// Core-seconds that were spent so far: of this process, from its start.
 pub type SpentSoFar = Box<dyn Fn() -> f64 + Send + Sync>;
 
@@ -28,6 +31,8 @@ pub struct Pacer {
     spent: SpentSoFar,
     /// Spent when the plan was made, which is no stage's.
     spent_before: f64,
+    /// Largest pace so far: stages that are left out later would hide how slow it is.
+    slowest: Mutex<f64>,
     notes: Mutex<Vec<String>>,
 }
 
@@ -43,6 +48,7 @@ impl Pacer {
             plan,
             spent_before: spent(),
             spent,
+            slowest: Mutex::new(1.0),
             notes: Mutex::default(),
         }
     }
@@ -69,7 +75,13 @@ impl Pacer {
         if pace * rest <= self.left() {
             return requests.clone();
         }
-        let Ok(none) = "none".parse() else {
+        // What was asked about poses has been followed already.
+        let none = "none"
+            .parse()
+            .ok()
+            .as_ref()
+            .map(|none| with_poses(none, requests));
+        let Some(Ok(none)) = none else {
             return requests.clone();
         };
         if *requests == none {
@@ -96,7 +108,7 @@ impl Pacer {
         let wider = (stride..=LARGEST_STRIDE.max(stride)).find(|wider| rest(*wider) <= left);
         let wider = wider.unwrap_or(LARGEST_STRIDE.max(stride));
         if wider > stride {
-            let change = format!("every {wider}th pixel is looked at instead of every {stride}th");
+            let change = format!("pixels are {wider} apart instead of {stride}");
             self.say(rest(stride), change);
         }
         wider
@@ -168,15 +180,20 @@ impl Pacer {
         planned.sum()
     }
 
-    /// How much slower than planned it went so far; never less than 1, since what was cheaper than planned may
-    /// have been another kind of work.
+    /// How much slower than planned it went so far, at its worst; never less than 1, since what was cheaper than
+    /// planned may have been another kind of work.
     fn pace(&self, stages: &[&str]) -> f64 {
         let planned = self.planned(stages);
-        if planned > 0.0 {
-            ((self.spent_s() - self.spent_before) / planned).clamp(1.0, 3.0)
+        let now = if planned > 0.0 {
+            ((self.spent_s() - self.spent_before) / planned).clamp(1.0, SLOWEST)
         } else {
             1.0
-        }
+        };
+        let Ok(mut slowest) = self.slowest.lock() else {
+            return now;
+        };
+        *slowest = slowest.max(now);
+        *slowest
     }
 
     fn left(&self) -> f64 {

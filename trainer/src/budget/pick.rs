@@ -84,7 +84,10 @@ impl Planned {
 }
 
 /// The requests of a table with what was asked about the poses.
-fn with_poses(of_table: &EffectRequests, asked: &EffectRequests) -> anyhow::Result<EffectRequests> {
+pub(super) fn with_poses(
+    of_table: &EffectRequests,
+    asked: &EffectRequests,
+) -> anyhow::Result<EffectRequests> {
     let sign = match asked.of(Effect::PoseRefinement) {
         Request::On => '+',
         Request::Off => '-',
