@@ -45,6 +45,9 @@ struct TrialRow {
     second: Option<([u32; 4], [f32; 4])>,
 }
 
+/// |residual| of rows, each with the row's number.
+type RowErrors = Vec<(usize, f64)>;
+
 /// The small problem.
 pub(super) struct Trial {
     rows: Vec<TrialRow>,
@@ -61,7 +64,7 @@ pub(super) struct Trial {
     /// Whether the blocks are long enough for an interval.
     is_honest: bool,
     /// Residuals by set and whether their blocks were held out, so that none is solved twice.
-    judged: BTreeMap<(EffectSet, bool), Rc<Vec<(usize, f64)>>>,
+    judged: BTreeMap<(EffectSet, bool), Rc<RowErrors>>,
 }
 
 impl Trial {
@@ -219,7 +222,7 @@ impl Trial {
 
     /// |residual| of every row that can be judged with `set`: by fits that do not hold its block, or, where none is held
     /// out, by the fit of all.
-    fn judged(&mut self, set: EffectSet, holds_out: bool) -> anyhow::Result<Rc<Vec<(usize, f64)>>> {
+    fn judged(&mut self, set: EffectSet, holds_out: bool) -> anyhow::Result<Rc<RowErrors>> {
         if let Some(known) = self.judged.get(&(set, holds_out)) {
             return Ok(Rc::clone(known));
         }
@@ -283,7 +286,7 @@ impl Trial {
         set: EffectSet,
         fits: &dyn Fn(u32) -> bool,
         judges: &dyn Fn(u32) -> bool,
-    ) -> anyhow::Result<Vec<(usize, f64)>> {
+    ) -> anyhow::Result<RowErrors> {
         let fit: Rows = self
             .rows
             .iter()
