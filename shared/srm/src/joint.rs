@@ -37,7 +37,7 @@ pub struct JointSettings {
     pub diffuse: DiffuseTreatment,
     /// Smoothness of S.
     pub smoothness: f64,
-    /// Pull of S to zero.
+    /// Pull of S to zero, see [`Regularisation::specular_to_zero`].
     pub specular_to_zero: f64,
     /// Residual at which a row begins to lose weight, linear radiance (IRLS scale).
     pub residual_scale: f64,

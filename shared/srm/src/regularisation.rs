@@ -7,11 +7,16 @@ use crate::problem::{Problem, Rgb};
 pub struct Regularisation {
     /// Smoothness of neighbouring texels (srm-feasibility section 2: 0.02).
     pub smoothness: f64,
-    /// Pull of S to zero (0.002).
+    /// Pull of S to zero, pseudo-observations a texel of a map of up to 126 rows (0.002). A texel of a
+    /// finer map sees fewer rows, and is pulled less by as much.
     pub specular_to_zero: f64,
     /// Pull of D to its prior, pseudo-observations a vertex.
     pub diffuse_to_prior: f64,
 }
+
+/// Rows of the map for which the pull of S is stated. Smoothness needs no such thing: in two dimensions the sum of
+/// squared steps does not depend on the texels' size.
+const STATED_HEIGHT: u32 = 126;
 
 /// Longitude edges weigh at most this: towards the poles 1/cos lat grows without bound.
 const LARGEST_LONGITUDE_WEIGHT: f64 = 20.0;
@@ -50,6 +55,12 @@ impl Problem {
         ]
     }
 
+    /// Pull of one texel to zero.
+    fn texel_pull(&self, regularisation: &Regularisation) -> f64 {
+        let finer = f64::from(STATED_HEIGHT) / f64::from(self.panorama().height());
+        regularisation.specular_to_zero * finer.min(1.0).powi(2)
+    }
+
     /// Adds the Hessian of the regularisers times x.
     pub fn add_regularisation(
         &self,
@@ -64,12 +75,13 @@ impl Problem {
                 target[c] += regularisation.diffuse_to_prior * value[c];
             }
         }
+        let pull = self.texel_pull(regularisation);
         for index in 0..self.panorama().texel_count() {
             if !self.covered()[index] {
                 continue;
             }
             for c in 0..3 {
-                result[n + index][c] += regularisation.specular_to_zero * x[n + index][c];
+                result[n + index][c] += pull * x[n + index][c];
             }
             for (other, weight) in self.edges(index, edge_weights).into_iter().flatten() {
                 for c in 0..3 {
@@ -93,16 +105,69 @@ impl Problem {
         for value in &mut diagonal[..n] {
             *value = value.map(|v| v + regularisation.diffuse_to_prior);
         }
+        let pull = self.texel_pull(regularisation);
         for index in 0..self.panorama().texel_count() {
             if !self.covered()[index] {
                 continue;
             }
-            diagonal[n + index] = diagonal[n + index].map(|v| v + regularisation.specular_to_zero);
+            diagonal[n + index] = diagonal[n + index].map(|v| v + pull);
             for (other, weight) in self.edges(index, edge_weights).into_iter().flatten() {
                 let added = regularisation.smoothness * weight;
                 diagonal[n + index] = diagonal[n + index].map(|v| v + added);
                 diagonal[n + other] = diagonal[n + other].map(|v| v + added);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rows::{Row, Rows};
+    use geometry::PanoramaSize;
+
+    /// What all texels of a covered map are pulled to zero with, together.
+    fn diagonal_of_s(height: u32) -> f64 {
+        let panorama = PanoramaSize::from_height(height).unwrap();
+        let count = panorama.texel_count() as u32;
+        let rows: Rows = (0..count)
+            .map(|texel| Row {
+                vertices: [0; 3],
+                barycentric: [1.0, 0.0, 0.0],
+                texels: [texel; 4],
+                taps: [0.3, 0.0, 0.0, 0.0],
+                observed: [0.2; 3],
+                known: [0.0; 3],
+                weight: 1.0,
+                clipped: 0,
+                frame: 0,
+                segment: 1,
+            })
+            .collect();
+        let problem = Problem::new(rows, 1, panorama).unwrap();
+        let only_zero = Regularisation {
+            smoothness: 0.0,
+            specular_to_zero: 1.0,
+            diffuse_to_prior: 0.0,
+        };
+        let edges = vec![[1.0; 2]; panorama.texel_count()];
+        let mut diagonal = vec![[0.0; 3]; problem.unknown_count()];
+        problem.add_regularisation_diagonal(&only_zero, &edges, &mut diagonal);
+        let mut applied = vec![[0.0; 3]; problem.unknown_count()];
+        let ones = vec![[1.0; 3]; problem.unknown_count()];
+        problem.add_regularisation(&only_zero, &edges, &ones, &mut applied);
+        assert_eq!(diagonal, applied);
+        diagonal[1..].iter().map(|v| v[0]).sum()
+    }
+
+    #[test]
+    fn a_finer_map_is_pulled_to_zero_as_a_whole_like_a_coarse_one() {
+        const TOLERANCE: f64 = 1e-9;
+        let stated = diagonal_of_s(STATED_HEIGHT);
+        for height in [2 * STATED_HEIGHT, 3 * STATED_HEIGHT] {
+            let ratio = diagonal_of_s(height) / stated;
+            assert!((ratio - 1.0).abs() < TOLERANCE, "{height}: {ratio}");
+        }
+        assert!(diagonal_of_s(8) < stated);
     }
 }

@@ -97,12 +97,14 @@ pub(super) fn page(folder: &RunFolder) -> anyhow::Result<String> {
 fn room(folder: &RunFolder, linear: &LinearSummary) -> anyhow::Result<Markup> {
     let (map, _) = read_rgb_exr(&folder.path(SRM_FILE))?;
     let confidence = read_confidence_exr(&folder.path(CONFIDENCE_FILE))?;
+    let texel = 180.0 / f64::from(map.height());
     Ok(html! {
         h2 { "The room in the reflections" }
         figure {
             (sharp_picture(&pictures::claimed_panorama(&map, &confidence.confidence, 0.5), "specular map")?)
             figcaption {
-                "Specular map, 500 x 250 texels of 0.72 degrees; the middle looks along +z, right of it is +x, the top is up. \
+                (format!("Specular map, {} x {} texels of {texel:.2} degrees; ", map.width(), map.height()))
+                "the middle looks along +z, right of it is +x, the top is up. \
                  Faded to grey where the confidence is below one half. "
                 (format!("{:.0} % of the texels are claimed.", 100.0 * linear.claimed_fraction))
             }

@@ -19,8 +19,9 @@ use crate::effects::{EffectPlan, FresnelFit};
 /// scales S (srm-feasibility section 5).
 pub const GAIN: f32 = 0.3;
 
-/// Rows of the SRM: 500 x 250 texels of 0.72 degrees (Park 2020 section 3.2).
-pub const SRM_HEIGHT: u32 = 250;
+/// Rows of the SRM unless others are asked for: texels of 1.43 degrees. The paper's 250 (Park 2020 section 3.2) cost up
+/// to twice as much, err no less, and resolve no finer bar even on a mirror filmed in VGA (docs/accuracy.md).
+pub const SRM_HEIGHT: u32 = 126;
 
 /// What is done with D.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
@@ -135,6 +136,8 @@ const WEIGHTS: [f64; 4] = [0.1, 0.2, 0.4, 0.8];
 const STATED_ROWS_PER_VERTEX: f64 = 10.0;
 /// One row in this many takes part in the choices.
 const CHOICE_STEP: usize = 3;
+/// Most rows of the map that choices are made with: few pixels leave a fine map so free that it paints what is matte.
+const CHOICE_HEIGHT: u32 = 62;
 
 /// One row in `step`, the last of each.
 fn every_nth(rows: &Rows, step: usize) -> Rows {
@@ -180,6 +183,15 @@ pub struct LinearSettings {
     pub rounds: Option<usize>,
 }
 
+fn panorama_of(height: u32) -> anyhow::Result<PanoramaSize> {
+    PanoramaSize::from_height(height)
+        .filter(|_| MAP_HEIGHTS.contains(&height))
+        .with_context(|| {
+            let (least, most) = (MAP_HEIGHTS.start(), MAP_HEIGHTS.end());
+            format!("a map of {height} rows cannot be solved: give {least} to {most}")
+        })
+}
+
 /// Solves the stage.
 ///
 /// # Errors
@@ -197,12 +209,7 @@ pub fn solve(
         row_step,
         rounds,
     } = *settings;
-    let panorama = PanoramaSize::from_height(map_height)
-        .filter(|_| MAP_HEIGHTS.contains(&map_height))
-        .with_context(|| {
-            let (least, most) = (MAP_HEIGHTS.start(), MAP_HEIGHTS.end());
-            format!("a map of {map_height} rows cannot be solved: give {least} to {most}")
-        })?;
+    let panorama = panorama_of(map_height)?;
     let vertices = CompactVertices::new(surface);
     let maker = RowMaker {
         surface,
@@ -210,6 +217,10 @@ pub fn solve(
         vertices: &vertices,
         panorama,
         plan,
+    };
+    let coarse = RowMaker {
+        panorama: panorama_of(map_height.min(CHOICE_HEIGHT))?,
+        ..maker
     };
     let mut counters = Counters::default();
     let mut rows = thinned(maker.rows(observations, None, &mut counters), row_step);
@@ -234,13 +245,16 @@ pub fn solve(
         ));
     }
     let per_vertex = |rows: &Rows| rows.len() as f64 / vertices.full.len().max(1) as f64;
-    let sparse = every_nth(&rows, CHOICE_STEP);
+    let sparse = every_nth(
+        &thinned(coarse.rows(observations, None, &mut counters), row_step),
+        CHOICE_STEP,
+    );
     let scale = per_vertex(&sparse) / STATED_ROWS_PER_VERTEX;
     let weights = WEIGHTS.map(|weight| weight * scale);
     let choice = selection::choose(
         &sparse,
         vertices.full.len(),
-        panorama,
+        coarse.panorama,
         &choice_settings(),
         &weights,
     )?;

@@ -82,8 +82,8 @@ pub const SUBJECT: Subject = Subject {
         },
         Knob {
             name: "map-height",
-            default: "250",
-            others: &["126", "62"],
+            default: "126",
+            others: &["250", "62"],
         },
         Knob {
             name: "frame-stride",
