@@ -139,23 +139,6 @@ const CHOICE_STEP: usize = 3;
 /// Most rows of the map that choices are made with: few pixels leave a fine map so free that it paints what is matte.
 const CHOICE_HEIGHT: u32 = 62;
 
-/// One row in `step`, the last of each.
-fn every_nth(rows: &Rows, step: usize) -> Rows {
-    let mut position = 0_usize;
-    rows.filtered(|_| {
-        position += 1;
-        position.is_multiple_of(step)
-    })
-}
-
-fn thinned(rows: Rows, step: usize) -> Rows {
-    if step > 1 {
-        every_nth(&rows, step)
-    } else {
-        rows
-    }
-}
-
 /// Solver settings of the choices: they rank, and need fewer steps than the result.
 fn choice_settings() -> JointSettings {
     let mut settings = JointSettings {
@@ -223,7 +206,7 @@ pub fn solve(
         ..maker
     };
     let mut counters = Counters::default();
-    let mut rows = thinned(maker.rows(observations, None, &mut counters), row_step);
+    let mut rows = maker.rows(observations, None, row_step, &mut counters);
     let object_count: usize = observations.iter().map(|frame| frame.object_count).sum();
     let dropped: usize = observations.iter().map(|frame| frame.dropped_count).sum();
     let dropped_fraction = dropped as f64 / object_count.max(1) as f64;
@@ -245,10 +228,7 @@ pub fn solve(
         ));
     }
     let per_vertex = |rows: &Rows| rows.len() as f64 / vertices.full.len().max(1) as f64;
-    let sparse = every_nth(
-        &thinned(coarse.rows(observations, None, &mut counters), row_step),
-        CHOICE_STEP,
-    );
+    let sparse = coarse.rows(observations, None, CHOICE_STEP * row_step, &mut counters);
     let scale = per_vertex(&sparse) / STATED_ROWS_PER_VERTEX;
     let weights = WEIGHTS.map(|weight| weight * scale);
     let choice = selection::choose(
@@ -289,8 +269,7 @@ pub fn solve(
     if plan.computed.contains(Effect::FirstBounceSpecular) {
         // Only now is it known which first bounces mirror.
         let counters = &mut Counters::default();
-        let mirrored = maker.rows(observations, Some(&specular_segments), counters);
-        rows = thinned(mirrored, row_step);
+        rows = maker.rows(observations, Some(&specular_segments), row_step, counters);
     }
     let shiny = rows.filtered(|row| specular_segments.contains(&row.segment));
     let diffuse_weight = choice.weight / scale;

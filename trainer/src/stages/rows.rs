@@ -51,14 +51,17 @@ pub struct RowMaker<'a> {
 }
 
 impl RowMaker<'_> {
-    /// The rows of all frames, in order. `mirrors`: segments whose first bounces mirror, all where not yet known.
+    /// The rows of one pixel in `step` of all frames, the last of each, in order. `mirrors`: segments whose first
+    /// bounces mirror, all where not yet known.
     pub fn rows(
         &self,
         observations: &[FrameObservations],
         mirrors: Option<&[u16]>,
+        step: usize,
         counters: &mut Counters,
     ) -> Rows {
         let mut rows = Rows::default();
+        let mut count = 0_usize;
         for frame in observations {
             let mut second = frame.second.iter().peekable();
             for (position, pixel) in frame.pixels.iter().enumerate() {
@@ -66,7 +69,10 @@ impl RowMaker<'_> {
                     .next_if(|(of, _)| *of as usize == position)
                     .map(|(_, direction)| *direction)
                     .filter(|_| self.mirrors(pixel, mirrors));
-                rows.push(self.row(pixel, direction, frame.frame, counters));
+                count += 1;
+                if count.is_multiple_of(step) {
+                    rows.push(self.row(pixel, direction, frame.frame, counters));
+                }
             }
         }
         rows
