@@ -1,6 +1,8 @@
 //! Bounds of effects are sound: on scenes by chance, what an effect really changes is not more than its bound says
-//! (effects-and-tradeoffs A6). `cargo test --release -p glint --test soundness -- --ignored --nocapture` runs all 200
-//! scenes and prints the table.
+//! (effects-and-tradeoffs A6).
+//!
+//! `cargo test --release -p glint --test soundness -- --ignored --nocapture two_hundred` runs 200 scenes and prints the
+//! table, `… set_none` runs 100 others that no constant of the bounds was chosen on.
 
 mod scenes;
 mod truth;
@@ -37,10 +39,11 @@ const MANY: Bar = Bar {
     sound: 0.99,
     loosest: 5.0,
 };
-/// On eight that are filmed in a hurry: one may be broken, and their median is not that of many.
+/// On eight that are filmed in a hurry: one may be broken, and what is drawn with one sample a pixel looks shinier than
+/// it is.
 const FEW: Bar = Bar {
     sound: 0.875,
-    loosest: 8.0,
+    loosest: 15.0,
 };
 /// Change that is one, codes; below it a ratio says nothing.
 const LEAST_CHANGE: f64 = 0.05;

@@ -223,7 +223,7 @@ fn can(radius: f32, height: f32, foot: Vec3) -> Shape {
 pub(crate) enum Care {
     /// 24 to 36 frames, one scene in ten at twice the survey's width.
     Full,
-    /// As few frames as say something, one sample a pixel.
+    /// As few frames as say something, small and with one sample a pixel.
     Quick,
 }
 
@@ -250,16 +250,21 @@ pub(crate) fn scene(seed: u64, care: Care) -> (Design, FilmOptions) {
         full_well: chance.over_decades(2000.0, 20_000.0),
         read: chance.over_decades(0.001, 0.006),
     };
-    let is_wide = chance.happens(0.1) && care == Care::Full;
+    let is_wide = chance.happens(0.1);
+    let (width, lights, samples) = match (care, is_wide) {
+        (Care::Quick, _) => (128, 32, 1),
+        // A survey pixel is the mean of four samples.
+        (Care::Full, false) => (160, 96, 4),
+        (Care::Full, true) => (320, 96, 1),
+    };
     let options = FilmOptions {
-        width: if is_wide { 320 } else { 160 },
+        width,
         seed,
         quality: LightQuality {
-            light_count: 96,
-            bounce_count: 8,
+            light_count: lights,
+            bounce_count: lights / 12,
         },
-        // A survey pixel is the mean of four samples.
-        samples: if is_wide || care == Care::Quick { 1 } else { 4 },
+        samples,
         paths: 1,
         ..FilmOptions::default()
     };
