@@ -28,7 +28,7 @@ const UNSEEN_ROOM: f64 = 2.0;
 /// The quartile.
 const BRIGHT_QUANTILE: f64 = 0.75;
 /// What a surface shows beyond its dark look in the median is so many times less than what a mirror may see in it.
-const UNSEEN_SHINE: f64 = 3.4;
+const UNSEEN_SHINE: f64 = 3.2;
 /// Part of σ by which noise alone lifts the median over the lower decile, less what stands for weak shine.
 const SPREAD_OF_NOISE: f64 = 0.6;
 /// Quantile of light over the colour of the first bounce that limits the reflectance of a segment.
@@ -37,6 +37,9 @@ const SHARE_QUANTILE: f64 = 0.2;
 const LEAST_BOUNCE: f64 = 0.01;
 /// Pixels with such a first bounce from which their quantile is one.
 const FEWEST_BOUNCES: usize = 20;
+/// Light spreads so many times wider over its levels than developed photographs of it, which a mosaic smooths: on 200
+/// random scenes the true change by a response is up to 1.3 times what their levels say.
+const SMOOTHED: f64 = 1.25;
 /// (1 − R₀)/R₀ of R₀ = 0.03: as steep as coated plastic gets. That of common plastic, 24, is less than the true change
 /// of what reflects less.
 const STEEP_KAPPA: f64 = 32.0;
@@ -349,7 +352,8 @@ fn lens_bound(seen: &[Seen]) -> f64 {
     CODES * seen.iter().map(change).sum::<f64>() / count
 }
 
-/// ⟨|g(y) − a y|⟩ with the slope a that fits best: what reading codes as radiance would change.
+/// ⟨|g(y) − a y|⟩ with the slope a that fits best, of light before it was smoothed: what reading codes as radiance would
+/// change.
 fn response_bound(seen: &[Seen], response: &Response) -> f64 {
     let pairs: Vec<(f64, f64)> = seen
         .iter()
@@ -368,5 +372,5 @@ fn response_bound(seen: &[Seen], response: &Response) -> f64 {
     let change = pairs
         .iter()
         .map(|(code, linear)| (linear - slope * code).abs());
-    CODES * change.sum::<f64>() / pairs.len() as f64
+    SMOOTHED * CODES * change.sum::<f64>() / pairs.len() as f64
 }
