@@ -38,7 +38,7 @@ const LEAST_BOUNCE: f64 = 0.01;
 /// Pixels with such a first bounce from which their quantile is one.
 const FEWEST_BOUNCES: usize = 20;
 /// Light spreads so many times wider over its levels than developed photographs of it, which a mosaic smooths: on 200
-/// random scenes the true change by a response is up to 1.3 times what their levels say.
+/// random scenes the true change by a lens or a response is up to 1.3 times what their levels say, rarely more.
 const SMOOTHED: f64 = 1.25;
 /// (1 − R₀)/R₀ of R₀ = 0.03: as steep as coated plastic gets. That of common plastic, 24, is less than the true change
 /// of what reflects less.
@@ -341,7 +341,7 @@ fn mean_gradient(views: &SurveyViews, surface: &Surface, texture: &Texture) -> f
     sum / f64::max(count, 1.0)
 }
 
-/// ⟨D |V/V̄ − 1|⟩.
+/// ⟨D |V/V̄ − 1|⟩, of light before it was smoothed.
 fn lens_bound(seen: &[Seen]) -> f64 {
     let count = seen.len().max(1) as f64;
     let mean = seen.iter().map(|pixel| pixel.lens).sum::<f64>() / count;
@@ -349,7 +349,7 @@ fn lens_bound(seen: &[Seen]) -> f64 {
         return 0.0;
     }
     let change = |pixel: &Seen| pixel.level * (pixel.lens / mean - 1.0).abs();
-    CODES * seen.iter().map(change).sum::<f64>() / count
+    SMOOTHED * CODES * seen.iter().map(change).sum::<f64>() / count
 }
 
 /// ⟨|g(y) − a y|⟩ with the slope a that fits best, of light before it was smoothed: what reading codes as radiance would
