@@ -9,7 +9,6 @@ use glint::stages::geometry::build;
 use glint::stages::object::find_object;
 use glint::stages::observe::Surface;
 use glint::stages::poses::training_frames;
-use raytrace::{MirrorQuery, Scene};
 use sequence::Recording;
 
 fn verdicts(path: &Path, voxel_size: f32) -> anyhow::Result<EffectsFile> {
@@ -17,16 +16,7 @@ fn verdicts(path: &Path, voxel_size: f32) -> anyhow::Result<EffectsFile> {
     let frames = training_frames(&recording, "source")?;
     let geometry = build(&recording, &frames, voxel_size, &mut |_, _| {})?;
     let parts = find_object(&geometry.mesh, None, 1);
-    let mesh = geometry.mesh;
-    let surface = Surface {
-        scene: Scene::new(&mesh.positions, &mesh.triangles)?,
-        mirror: MirrorQuery::for_fused(voxel_size),
-        positions: mesh.positions,
-        normals: mesh.normals,
-        triangles: mesh.triangles,
-        vertex_segment: parts.vertex_segment,
-        origin: mesh.origin,
-    };
+    let surface = Surface::fused(geometry.mesh, parts.vertex_segment, voxel_size)?;
     let request = Request {
         requests: &"".parse()?,
         habit: Habit::Cheap,

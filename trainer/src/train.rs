@@ -8,7 +8,6 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use effects::{Counters, Effect, EffectRequests, EffectsFile, Habit, Verdict};
-use raytrace::{MirrorQuery, Scene};
 use sequence::Recording;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -418,17 +417,8 @@ fn ground(
 }
 
 fn surface_of(geometry: Geometry, parts: ObjectParts, voxel_size: f32) -> anyhow::Result<Ground> {
-    let mesh = geometry.mesh;
     Ok(Ground {
-        surface: Surface {
-            scene: Scene::new(&mesh.positions, &mesh.triangles)?,
-            mirror: MirrorQuery::for_fused(voxel_size),
-            positions: mesh.positions,
-            normals: mesh.normals,
-            triangles: mesh.triangles,
-            vertex_segment: parts.vertex_segment,
-            origin: mesh.origin,
-        },
+        surface: Surface::fused(geometry.mesh, parts.vertex_segment, voxel_size)?,
         normal_sigma: geometry.normal_sigma,
         triangle_count: geometry.summary.triangle_count,
     })

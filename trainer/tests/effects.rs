@@ -14,7 +14,6 @@ use glint::stages::object::find_object;
 use glint::stages::observe::{ColorView, Observations, PixelRules, Surface, observe};
 use glint::stages::poses::{PosedFrame, training_frames};
 use glint::train::{TrainConfig, explain};
-use raytrace::{MirrorQuery, Scene};
 use sequence::Recording;
 use studio::Finish;
 
@@ -36,17 +35,8 @@ impl Stage {
         let frames = training_frames(&recording, "source").unwrap();
         let geometry = build(&recording, &frames, VOXEL, &mut |_, _| {}).unwrap();
         let parts = find_object(&geometry.mesh, None, 1);
-        let mesh = geometry.mesh;
         Self {
-            surface: Surface {
-                scene: Scene::new(&mesh.positions, &mesh.triangles).unwrap(),
-                mirror: MirrorQuery::for_fused(VOXEL),
-                positions: mesh.positions,
-                normals: mesh.normals,
-                triangles: mesh.triangles,
-                vertex_segment: parts.vertex_segment,
-                origin: mesh.origin,
-            },
+            surface: Surface::fused(geometry.mesh, parts.vertex_segment, VOXEL).unwrap(),
             normal_sigma: geometry.normal_sigma,
             recording,
             frames,

@@ -16,8 +16,6 @@ pub struct FresnelFit {
 
 /// Largest κ: R₀ = 0.02, less than any solid or liquid reflects.
 pub(super) const LARGEST_KAPPA: f64 = 49.0;
-/// κ of plastic, R₀ = 0.04: what is assumed where nothing is known.
-pub(super) const PLASTIC_KAPPA: f64 = 24.0;
 
 /// (1 − cos α)⁵ for a cosine of any value (hard-cases I08).
 pub(super) fn rise(cosine: f64) -> f64 {
@@ -44,7 +42,7 @@ mod tests {
         }
         assert!((rise(0.5) - 0.03125).abs() < 1e-12);
         let plastic = FresnelFit {
-            kappa: PLASTIC_KAPPA,
+            kappa: 24.0,
             mean: 1.0,
         };
         assert!((plastic.factor(0.0) - 25.0).abs() < 1e-5);

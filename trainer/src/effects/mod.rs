@@ -24,6 +24,7 @@ use effects::{Effect, EffectSet};
 pub use self::decide::{Decided, EFFECTS_FILE, Request, decide, previous_file};
 pub use self::fresnel::FresnelFit;
 pub use self::noise::{NoiseCurve, NoiseSample};
+pub use self::views::{ObjectPixels, object_pixels};
 
 /// What the stages compute, and the parameters that the survey found for it.
 #[derive(Clone, Debug)]

@@ -285,6 +285,42 @@ impl SurveyViews {
     }
 }
 
+/// The pixels of the object (Ω) in one frame that bounds are about.
+#[derive(Clone, Debug)]
+pub struct ObjectPixels {
+    /// Index of the frame in the recording.
+    pub frame: usize,
+    /// Pixels of the photograph on each side of a survey pixel.
+    pub block: u32,
+    /// Column and row of each survey pixel: it is the mean of `block` x `block` pixels of the photograph, the first of
+    /// which is `block` times this.
+    pub places: Vec<[u32; 2]>,
+}
+
+/// The pixels that a survey of `frames` looks at, in the order of the recording; none where there is nothing to survey.
+///
+/// # Errors
+/// When a frame cannot be read.
+pub fn object_pixels(
+    recording: &Recording,
+    surface: &Surface,
+    frames: &[PosedFrame],
+) -> anyhow::Result<Vec<ObjectPixels>> {
+    let view = ColorView::new(recording);
+    let (own, _) = without_repeats(frames, |index| recording.color_is_repeat(index));
+    let Some(views) = look(recording, &view, surface, frames, false)? else {
+        return Ok(Vec::new());
+    };
+    let width = views.camera.width();
+    let place = |pixel: &SurveyPixel| [pixel.place as u32 % width, pixel.place as u32 / width];
+    let pixels = |seen: &SurveyView| ObjectPixels {
+        frame: own[seen.position].index,
+        block: view.camera.width() / width,
+        places: seen.pixels.iter().map(place).collect(),
+    };
+    Ok(views.views.iter().map(pixels).collect())
+}
+
 /// Value of a picture between pixels; `None` where a pixel beside is missing.
 pub(super) fn bilinear<T: Copy, const N: usize>(
     picture: &[T],

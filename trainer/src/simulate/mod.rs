@@ -15,9 +15,10 @@ use std::path::{Path, PathBuf};
 use effects::EffectRequests;
 use imaging::read_rgb_exr;
 use scene::{Film, FilmOptions, catalogue};
-use sequence::Split;
 use serde::Serialize;
 
+use self::recording::split_of;
+pub use self::recording::write_recording;
 use crate::clock::{Cost, Stopwatch};
 
 /// What to film.
@@ -105,7 +106,12 @@ pub fn simulate(
     let film = film_of(options)?;
     let split = split_of(&film);
     let truth = truth::begin(options, &truth_folder(&options.output))?;
-    let bytes = recording::write(&film, options, &split, progress)?;
+    let identity = SimulateOptions {
+        output: PathBuf::new(),
+        ..options.clone()
+    };
+    let identity = format!("{identity:?}");
+    let bytes = write_recording(&film, &identity, &options.output, progress)?;
     truth::write(&film, options, &split, truth)?;
     Ok(SimulateReport {
         scene: options.scene.clone(),
@@ -156,15 +162,4 @@ fn film_of(options: &SimulateOptions) -> anyhow::Result<Film> {
         },
     )?;
     Ok(film)
-}
-
-/// Training frames first, then a gap, then the far end of the path.
-fn split_of(film: &Film) -> Split {
-    let split = film.design().split.scaled(film.frame_count());
-    let first_test = split.train + split.gap;
-    Split {
-        train: (0..split.train).collect(),
-        unused: (split.train..first_test).collect(),
-        test: (first_test..film.frame_count()).collect(),
-    }
 }

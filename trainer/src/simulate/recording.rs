@@ -1,5 +1,7 @@
 //! Frames of a film as a recording in raw form: shifts and a colour mosaic.
 
+use std::path::Path;
+
 use effects::Effect;
 use rayon::prelude::*;
 use scene::Film;
@@ -12,7 +14,6 @@ use sequence::{
     ShiftConstants, Split, StreamTiming, Streams, VignettingCurve,
 };
 
-use super::SimulateOptions;
 use crate::import::POSE_SET;
 
 /// Frames a second.
@@ -75,11 +76,16 @@ pub(crate) fn streams(film: &Film) -> anyhow::Result<Streams> {
     })
 }
 
-/// Writes the recording; its length in bytes.
-pub(super) fn write(
+/// Films all frames into a recording in raw form, with the poses of the film and its split; the recording's length in
+/// bytes. `identity` says what was filmed: the same words are the same recording. `progress(done, of)` is called as
+/// frames are written; the file has no name before it is complete.
+///
+/// # Errors
+/// What the disk refuses, and an output that is there.
+pub fn write_recording(
     film: &Film,
-    options: &SimulateOptions,
-    split: &Split,
+    identity: &str,
+    output: &Path,
     progress: &mut dyn FnMut(usize, usize),
 ) -> anyhow::Result<u64> {
     let streams = streams(film)?;
@@ -92,17 +98,10 @@ pub(super) fn write(
         depth_id: DEPTH_STREAM,
         color_id: COLOR_STREAM,
     };
-    let identity = format!(
-        "{options:?}",
-        options = SimulateOptions {
-            output: std::path::PathBuf::new(),
-            ..options.clone()
-        }
-    );
     let id = FileId::of_content(&[WRITER.as_bytes(), identity.as_bytes()]);
-    let mut writer = RecordingWriter::create_beside(&options.output, id, &description)?;
+    let mut writer = RecordingWriter::create_beside(output, id, &description)?;
     let set = writer.begin_poses(POSE_SET, WRITER, DEPTH_STREAM)?;
-    writer.write_split(split)?;
+    writer.write_split(&split_of(film))?;
     let mut depth_encoder = DepthStreamEncoder::new(&streams, DepthCodec::Fast)?;
     let mut color_encoder = ColorStreamEncoder::new(&streams)?;
     let count = film.frame_count();
@@ -136,9 +135,20 @@ pub(super) fn write(
     anyhow::ensure!(
         finished.lost.is_empty(),
         "{}: the disk reported errors and frames are missing; simulate to another disk",
-        options.output.display()
+        output.display()
     );
     Ok(finished.bytes)
+}
+
+/// Training frames first, then a gap, then the far end of the path.
+pub(super) fn split_of(film: &Film) -> Split {
+    let split = film.design().split.scaled(film.frame_count());
+    let first_test = split.train + split.gap;
+    Split {
+        train: (0..split.train).collect(),
+        unused: (split.train..first_test).collect(),
+        test: (first_test..film.frame_count()).collect(),
+    }
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! The fused surface with what is needed to shade it, and view rays mirrored by it.
 
+use fusion::Mesh;
 use geometry::DVec3;
 use glam::Vec3;
 use raytrace::{Hit, MirrorQuery, NO_TRIANGLE, Ray, Scene, VisibilityBuffer};
@@ -23,6 +24,22 @@ pub struct Surface {
 }
 
 impl Surface {
+    /// A fused mesh of voxels of `voxel_size` metres with the segment of every vertex.
+    ///
+    /// # Errors
+    /// More triangles than a tree holds.
+    pub fn fused(mesh: Mesh, vertex_segment: Vec<u16>, voxel_size: f32) -> anyhow::Result<Self> {
+        Ok(Self {
+            scene: Scene::new(&mesh.positions, &mesh.triangles)?,
+            mirror: MirrorQuery::for_fused(voxel_size),
+            positions: mesh.positions,
+            normals: mesh.normals,
+            triangles: mesh.triangles,
+            vertex_segment,
+            origin: mesh.origin,
+        })
+    }
+
     /// The segment of a triangle: that of its vertices where they agree, else 0.
     pub fn segment(&self, triangle: u32) -> u16 {
         let [a, b, c] = self.triangles[triangle as usize].map(|v| self.vertex_segment[v as usize]);
