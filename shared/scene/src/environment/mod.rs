@@ -59,12 +59,24 @@ pub(crate) fn luminance([r, g, b]: [f32; 3]) -> f64 {
 /// Most rows of the table that directions are drawn from.
 const IMPORTANCE_ROWS: u32 = 128;
 
-/// The table of a panorama, averaged to fewer rows. Light is bilinear between texels: a dark texel next to a bright
-/// one gets a thousandth of it, so that no lit direction is never drawn.
+/// Shares of the texel before, of a texel and of the texel behind in the bilinear light over it.
+const BILINEAR_SHARES: [f64; 3] = [0.125, 0.75, 0.125];
+
+/// The table of a panorama, averaged to fewer rows. Light is bilinear between texels, so that a dark texel has the
+/// skirts of bright ones around it: drawn by its own value alone, they would be seen seldom and then be far too bright.
 fn importance_of(size: PanoramaSize, texels: &[[f32; 3]]) -> ImportanceTable {
     let factor = (size.height() / IMPORTANCE_ROWS).max(1);
     let coarse = PanoramaSize::from_height(size.height() / factor).unwrap_or(size);
-    let (width, fine_width) = (coarse.width() as usize, size.width() as usize);
+    let width = coarse.width() as usize;
+    let light = |column: usize, row: usize| -> f64 {
+        let at = |dx: usize, dy: usize| {
+            let texel = size.wrap((column + dx) as i64 - 1, (row + dy) as i64 - 1);
+            BILINEAR_SHARES[dx] * BILINEAR_SHARES[dy] * luminance(texels[texel as usize])
+        };
+        (0..3)
+            .map(|dy| (0..3).map(|dx| at(dx, dy)).sum::<f64>())
+            .sum()
+    };
     let mut means = vec![0.0_f64; coarse.texel_count()];
     for (index, mean) in means.iter_mut().enumerate() {
         let (x0, y0) = (
@@ -72,20 +84,11 @@ fn importance_of(size: PanoramaSize, texels: &[[f32; 3]]) -> ImportanceTable {
             (index / width) * factor as usize,
         );
         for y in y0..y0 + factor as usize {
-            let row = &texels[y * fine_width + x0..][..factor as usize];
-            *mean += row.iter().map(|texel| luminance(*texel)).sum::<f64>();
+            *mean += (x0..x0 + factor as usize).map(|x| light(x, y)).sum::<f64>();
         }
         *mean /= f64::from(factor * factor);
     }
-    let brightest_near = |index: usize| {
-        let (column, row) = ((index % width) as i64, (index / width) as i64);
-        let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
-        near.map(|(dx, dy)| means[coarse.wrap(column + dx, row + dy) as usize])
-            .fold(0.0, f64::max)
-    };
-    ImportanceTable::new(coarse, |index| {
-        means[index].max(1e-3 * brightest_near(index))
-    })
+    ImportanceTable::new(coarse, |index| means[index])
 }
 
 impl Environment {

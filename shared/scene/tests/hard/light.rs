@@ -1,6 +1,6 @@
 //! The environment and random numbers: I09, I10.
 
-use geometry::PanoramaSize;
+use geometry::{DVec2, PanoramaSize};
 use glam::Vec3;
 use imaging::Image;
 use rand::{RngExt as _, SeedableRng as _};
@@ -16,20 +16,21 @@ fn environment(radiance: impl Fn(u32, u32) -> f32) -> Environment {
     Environment::from_panorama(&map).expect("a panorama")
 }
 
-/// Weight of each texel: light times solid angle; next to a bright texel at least a thousandth of it, since light is
-/// bilinear between texels.
-fn weights(radiance: &impl Fn(u32, u32) -> f32) -> Vec<f64> {
+/// Weight of each texel: mean of its light, which is bilinear, times its solid angle.
+fn weights(environment: &Environment) -> Vec<f64> {
+    const PARTS: u32 = 8;
     let size = PanoramaSize::from_height(32).expect("a panorama");
-    let at = |column: i64, row: i64| {
-        let index = size.wrap(column, row);
-        f64::from(radiance(index % 64, index / 64))
-    };
-    (0..32_i64)
-        .flat_map(|y| (0..64_i64).map(move |x| (x, y)))
+    let inside = |part: u32| (f64::from(part) + 0.5) / f64::from(PARTS) - 0.5;
+    (0..32_u32)
+        .flat_map(|y| (0..64_u32).map(move |x| (x, y)))
         .map(|(x, y)| {
-            let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
-            let brightest = near.map(|(x, y)| at(x, y)).fold(0.0, f64::max);
-            at(x, y).max(1e-3 * brightest) * size.solid_angle(y as u32)
+            let parts = (0..PARTS * PARTS).map(|part| [inside(part % PARTS), inside(part / PARTS)]);
+            let light = parts.map(|[dx, dy]| {
+                let at = DVec2::new(f64::from(x) + dx, f64::from(y) + dy);
+                let direction = size.direction_from_texel(at).as_vec3();
+                f64::from(environment.radiance(Vec3::ZERO, direction)[1])
+            });
+            light.sum::<f64>() / f64::from(PARTS * PARTS) * size.solid_angle(y)
         })
         .collect()
 }
@@ -37,10 +38,10 @@ fn weights(radiance: &impl Fn(u32, u32) -> f32) -> Vec<f64> {
 /// χ² of drawn texels against their weight, and the limit for p = 1e-3.
 fn chi_square(radiance: impl Fn(u32, u32) -> f32, seed: u64) -> (f64, f64) {
     let environment = environment(&radiance);
-    let mut expected = weights(&radiance);
+    let mut expected = weights(&environment);
     let total: f64 = expected.iter().sum();
     if total == 0.0 {
-        expected = weights(&|_, _| 1.0);
+        expected = weights(&self::environment(|_, _| 1.0));
     }
     let total: f64 = expected.iter().sum();
     let size = PanoramaSize::from_height(32).expect("a panorama");
