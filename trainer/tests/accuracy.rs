@@ -145,10 +145,18 @@ fn the_runs_of_fusion_ended_well_and_believed_no_wrong_pose() {
 
 #[test]
 fn the_default_is_on_the_front_and_every_run_ended_well() {
-    let rows = rows(&docs().join("tradeoff/redkitchen/codec.csv"));
-    assert_ne!(rows["default"][0]["front"], "no");
-    for row in rows.values().flatten() {
-        assert_eq!((row["status"].as_str(), row["reason"].as_str()), ("ok", ""));
+    for table in [
+        "redkitchen/codec",
+        "mitsuba-dev/srm",
+        "bowls/srm",
+        "two-cans/render",
+    ] {
+        let rows = rows(&docs().join(format!("tradeoff/{table}.csv")));
+        assert_ne!(rows["default"][0]["front"], "no", "{table}");
+        for row in rows.values().flatten() {
+            let ended = (row["status"].as_str(), row["reason"].as_str());
+            assert_eq!(ended, ("ok", ""), "{table}");
+        }
+        assert!(rows.values().all(|runs| runs.len() == 3), "{table}");
     }
-    assert!(rows.values().all(|runs| runs.len() == 3));
 }
