@@ -6,10 +6,11 @@
 //! scaling cannot know, the point that errs least of those that fit is taken. Such a number is a plan: it never
 //! enters a table.
 //!
-//! Map: [`bench`] how fast this machine is · [`table`] a measurement, read back · [`pick`] the choice · [`pace`] what
-//! gives way while it runs · [`spent`] what became of it.
+//! Map: [`bench`] how fast this machine is · [`table`] a measurement, read back · [`curve`] costs at other sizes ·
+//! [`pick`] the choice · [`pace`] what gives way while it runs · [`spent`] what became of it.
 
 pub mod bench;
+pub mod curve;
 pub mod pace;
 pub mod pick;
 pub mod spent;

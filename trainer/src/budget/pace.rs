@@ -118,7 +118,7 @@ impl Pacer {
     pub fn before_linear(&self, settings: LinearSettings, pixel_count: usize) -> LinearSettings {
         let pace = self.pace(&["poses", "geometry", "effects", "diffuse"]);
         let left = self.left();
-        let cost = pace * self.plan.chosen.linear_s_per_pixel * pixel_count as f64;
+        let cost = pace * self.plan.chosen.linear_s.at(pixel_count as f64);
         if cost <= left {
             return settings;
         }

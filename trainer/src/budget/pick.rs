@@ -7,6 +7,7 @@ use effects::{Effect, EffectRequests, Request};
 
 use sequence::Recording;
 
+use super::curve::Curve;
 use super::table::{MeasuredPoint, Table};
 use super::{SAFETY, bench};
 use crate::tradeoff::subject::{DEFAULT_POINT, Setting};
@@ -45,12 +46,12 @@ pub struct Planned {
     pub name: String,
     /// All levels.
     pub setting: Setting,
-    /// Core-seconds, of the scene for which they are most.
+    /// Core-seconds.
     pub core_s: f64,
     /// Of these, each stage's.
     pub stages: BTreeMap<&'static str, f64>,
-    /// Core-seconds of stage `linear` for each pixel that reflects.
-    pub linear_s_per_pixel: f64,
+    /// Core-seconds of stage `linear` by the pixels that reflect.
+    pub linear_s: Curve,
     /// Error over that of the default, geometric mean over the scenes.
     pub error_ratio: f64,
     /// Whether it is, or may be, on the front of a scene.
@@ -171,16 +172,16 @@ fn scaled(
     twins: &[(&MeasuredPoint, &MeasuredPoint)],
     target: &Target,
 ) -> Planned {
-    let factor = |twin: &MeasuredPoint| {
-        target.scene_size / twin.scene_size * target.bench_ms / twin.bench_ms
+    // Cost now and here, by a size of the scenes.
+    let curve = |size: &dyn Fn(&MeasuredPoint) -> f64, cost: &dyn Fn(&MeasuredPoint) -> f64| {
+        let twins = twins.iter().map(|(twin, _)| twin);
+        Curve::new(twins.map(|twin| (size(twin), cost(twin) * target.bench_ms / twin.bench_ms)))
     };
-    let most = |of: &dyn Fn(&MeasuredPoint) -> f64| {
-        let values = twins.iter().map(|(twin, _)| of(twin));
-        values.fold(0.0, f64::max)
+    let of_stage = |name: &'static str| {
+        move |twin: &MeasuredPoint| twin.stages.get(name).copied().unwrap_or(0.0)
     };
-    let stage = |name: &&'static str| {
-        let cost = most(&|twin| factor(twin) * twin.stages.get(name).copied().unwrap_or(0.0));
-        (*name, cost)
+    let by_size = |cost: &dyn Fn(&MeasuredPoint) -> f64| {
+        curve(&|twin| twin.scene_size, cost).at(target.scene_size)
     };
     let logs = twins.iter().map(|(twin, default)| {
         let ratio = twin.error.max(1e-9) / default.error.max(1e-9);
@@ -189,12 +190,11 @@ fn scaled(
     Planned {
         name: point.name.clone(),
         setting: point.setting.clone(),
-        core_s: most(&|twin| factor(twin) * twin.core_s),
-        stages: point.stages.keys().map(stage).collect(),
-        linear_s_per_pixel: most(&|twin| {
-            let linear = twin.stages.get("linear").copied().unwrap_or(0.0);
-            linear / twin.pixels.max(1.0) * target.bench_ms / twin.bench_ms
-        }),
+        core_s: by_size(&|twin| twin.core_s),
+        stages: (point.stages.keys())
+            .map(|name| (*name, by_size(&of_stage(name))))
+            .collect(),
+        linear_s: curve(&|twin| twin.pixels, &of_stage("linear")),
         error_ratio: (logs.sum::<f64>() / twins.len() as f64).exp(),
         is_on_front: twins.iter().any(|(twin, _)| twin.is_on_front),
     }

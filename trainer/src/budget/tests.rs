@@ -86,8 +86,8 @@ fn costs_go_by_frames_pixels_and_the_machine() {
     let default = found.point("default").unwrap();
     assert!((default.core_s - 60.0).abs() < 1e-9);
     assert!((default.stages["linear"] - 36.0).abs() < 1e-9);
-    assert!((default.linear_s_per_pixel - 0.012).abs() < 1e-12);
-    // Of two scenes the dearer one is believed, and errors are compared with the default of each.
+    assert!((default.linear_s.at(2000.0) - 24.0).abs() < 1e-9);
+    // Of two scenes of one size the dearer one is believed, and errors are compared with the default of each.
     let mut dear = USUAL.to_vec();
     dear[2] = ("pixel-stride=4", 30.0, 0.2, "no");
     let found = plan(&[table(USUAL), table(&dear)], &TARGET, 1e9).unwrap();
