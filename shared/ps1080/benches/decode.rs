@@ -4,6 +4,8 @@
 //! Payload comes in packets of 3060 bytes. Colour: smooth waves with noise of the given sigma in codes; the share of full
 //! values, which cost most, is printed.
 
+use std::hint::black_box;
+
 use ps1080::color::{ColorDecoder, ColorFormat, encode_color};
 use ps1080::samples::{SampleDecoder, SampleFormat, encode_samples};
 use ps1080::stream::Padding;
@@ -58,7 +60,8 @@ fn samples(format: SampleFormat) {
             }
             decoder.finish(&mut decoded).expect("a whole frame");
         } else if let Some(bits) = bits_of(format) {
-            unpack_bitwise(bits, &payload, &mut bitwise);
+            unpack_bitwise(bits, black_box(&payload), &mut bitwise);
+            black_box(&bitwise);
         } else {
             decoder.begin(Padding::default());
             for packet in payload.chunks(1) {

@@ -3,9 +3,11 @@
 //! A byte is predicted from the one of its component before it in the line, at first from 0: in U Y V Y luma from two
 //! bytes back and chroma from four, in a mosaic every one from two back.
 //!
-//! Fast is [`plain_pairs`]: sixteen nibbles are looked at together, and those before the first that is no difference are
-//! added up without a branch. Everything else, the last bytes of a piece among it, goes through [`Differences::nibble`],
-//! which is the definition.
+//! Fast is [`run`]: it looks at up to fifteen nibbles together and takes four tokens without a branch, or fourteen plain
+//! differences. Everything else, fillers and the end of a line or of a piece among it, goes through
+//! [`Differences::nibble`], which is the definition.
+
+use core::hint::select_unpredictable;
 
 use crate::damage::{Damage, NoRoom};
 use crate::nibbles::{FILLER, NibbleWriter};
@@ -64,14 +66,8 @@ impl Differences {
     ) -> Result<(), Damage> {
         let mut nibble_index = 0;
         loop {
-            if self.token_nibbles == 0
-                && let Some(window) = window_at(data, nibble_index)
-            {
-                let taken = self.window(layout, window, frame, line_bytes, position)?;
-                nibble_index += taken;
-                if taken > 0 {
-                    continue;
-                }
+            if self.token_nibbles == 0 && self.column.is_multiple_of(2) {
+                self.run(layout, data, &mut nibble_index, frame, line_bytes, position);
             }
             let Some(&byte) = data.get(nibble_index / 2) else {
                 return Ok(());
@@ -93,45 +89,36 @@ impl Differences {
         self.token_nibbles == 0
     }
 
-    /// Takes whole pairs of plain differences off the front of 16 nibbles; how many nibbles.
-    #[inline]
-    fn window(
+    /// Goes as far as [`run`] goes within the line.
+    fn run(
         &mut self,
         layout: Layout,
-        window: u64,
+        data: &[u8],
+        nibble_index: &mut usize,
         frame: &mut [u8],
         line_bytes: usize,
         position: &mut usize,
-    ) -> Result<usize, Damage> {
-        if !self.column.is_multiple_of(2) {
-            return Ok(0);
-        }
-        // The last pair is left to `nibble`, which looks at the line's border.
+    ) {
+        // The last pair is left to `nibble`: behind it the line's border is looked at.
         let left = (line_bytes - self.column).saturating_sub(2);
-        let count = plain_nibbles(window).min(left) / 2 * 2;
-        let column = self.column;
-        let at = *position;
-        let before = |back: usize| match column.checked_sub(back) {
-            Some(_) => frame.get(at - back).copied().unwrap_or(0),
-            None => 0,
+        let before = |back: usize| {
+            let is_there = self.column >= back;
+            let value = frame.get(position.wrapping_sub(back)).copied();
+            i32::from(value.filter(|_| is_there).unwrap_or(0))
         };
-        let (first, second) = match layout {
-            Layout::Uyvy => ([before(4), before(2)], before(1)),
-            Layout::Bayer => ([before(2); 2], before(1)),
+        let predictions = match layout {
+            Layout::Uyvy => [before(4), before(2), before(1)],
+            Layout::Bayer => [before(2), before(2), before(1)],
         };
-        let Some(place) = frame.get_mut(at..at + count) else {
-            return Ok(0);
+        let Some(line) = frame.get_mut(*position..*position + left) else {
+            return;
         };
-        let is_in_range = match layout {
-            Layout::Uyvy => plain_pairs::<true>(window, first, second, place),
-            Layout::Bayer => plain_pairs::<false>(window, first, second, place),
+        let count = match layout {
+            Layout::Uyvy => run::<true>(data, nibble_index, predictions, line),
+            Layout::Bayer => run::<false>(data, nibble_index, predictions, line),
         };
-        if !is_in_range {
-            return Err(Damage::OutOfRange);
-        }
         self.column += count;
         *position += count;
-        Ok(count)
     }
 
     #[inline]
@@ -173,41 +160,76 @@ impl Differences {
     }
 }
 
-/// Sixteen nibbles from one on, the first the highest; `None` near the end of the data.
-#[inline]
-fn window_at(data: &[u8], nibble_index: usize) -> Option<u64> {
-    let bytes: &[u8; 9] = data.get(nibble_index / 2..)?.first_chunk()?;
-    let &[a, b, c, d, e, f, g, h, next] = bytes;
-    let whole = u64::from_be_bytes([a, b, c, d, e, f, g, h]);
-    if nibble_index.is_multiple_of(2) {
-        return Some(whole);
+/// Differences by nibble. That of a filler and of the escape leads out of range wherever it is added.
+const DIFFERENCES: [i32; 16] = {
+    let mut differences = [1 << 20; 16];
+    let mut nibble = 0;
+    while nibble <= MAX_DIFFERENCE as usize {
+        differences[nibble] = nibble as i32 - 6;
+        nibble += 1;
     }
-    Some(whole << 4 | u64::from(next >> 4))
+    differences
+};
+/// Differences that a window of 15 nibbles holds, in pairs.
+const PLAIN_COUNT: usize = 14;
+/// Tokens that it holds for sure.
+const TOKEN_COUNT: usize = 4;
+
+/// Of the first component of this pair, of the next pair, and of the second component.
+type Predictions = [i32; 3];
+
+/// Decodes from an even column on, as far as there are whole windows, room, and nothing but differences in range and
+/// full values: how many bytes. `nibble_index` moves along. What is written behind that has no meaning.
+fn run<const FIRST_ALTERNATES: bool>(
+    data: &[u8],
+    nibble_index: &mut usize,
+    mut predictions: Predictions,
+    line: &mut [u8],
+) -> usize {
+    let mut count = 0;
+    while let Some(&bytes) = data
+        .get(*nibble_index / 2..)
+        .and_then(<[u8]>::first_chunk::<8>)
+    {
+        let window = u64::from_be_bytes(bytes) << (4 * (*nibble_index % 2));
+        let room = line.get_mut(count..).unwrap_or_default();
+        let taken = if is_plain(window)
+            && let Some(place) = room.first_chunk_mut()
+        {
+            plain::<FIRST_ALTERNATES>(window, predictions, place)
+                .map(|after| (after, PLAIN_COUNT, PLAIN_COUNT))
+        } else if let Some(place) = room.first_chunk_mut() {
+            tokens::<FIRST_ALTERNATES>(window, predictions, place)
+                .map(|(after, nibble_count)| (after, nibble_count, TOKEN_COUNT))
+        } else {
+            None
+        };
+        let Some((after, nibble_count, byte_count)) = taken else {
+            break;
+        };
+        predictions = after;
+        *nibble_index += nibble_count;
+        count += byte_count;
+    }
+    count
 }
 
-/// Nibbles before the first above [`MAX_DIFFERENCE`].
+/// Whether the first [`PLAIN_COUNT`] nibbles are differences.
 #[inline]
-fn plain_nibbles(window: u64) -> usize {
+fn is_plain(window: u64) -> bool {
     // The high bit of a nibble is set and its rest is 5 or more: 3 carries from the rest into the high bit.
     let carried = (window & 0x7777_7777_7777_7777) + 0x3333_3333_3333_3333;
-    let special = carried & window & 0x8888_8888_8888_8888;
-    special.leading_zeros() as usize / 4
+    carried & window & 0x8888_8888_8888_8800 == 0
 }
 
-/// Adds up pairs of differences from the front of the window into `out`, an even number of bytes. `first` are the
-/// predictions of the first component of this pair and of the next, `second` that of the other. Whether all values
-/// are within a byte.
+/// Adds differences up; `None` when one leads out of range.
 #[inline]
-fn plain_pairs<const FIRST_ALTERNATES: bool>(
+fn plain<const FIRST_ALTERNATES: bool>(
     window: u64,
-    first: [u8; 2],
-    second: u8,
-    out: &mut [u8],
-) -> bool {
-    let [mut this, mut next] = first.map(i32::from);
-    let mut second = i32::from(second);
-    let mut rest = window;
-    let mut seen = 0;
+    [mut this, mut next, mut second]: Predictions,
+    out: &mut [u8; PLAIN_COUNT],
+) -> Option<Predictions> {
+    let (mut rest, mut seen) = (window, 0);
     for pair in out.as_chunks_mut::<2>().0 {
         let value = this + (rest >> 60) as i32 - 6;
         second += (rest >> 56 & 0xF) as i32 - 6;
@@ -218,10 +240,51 @@ fn plain_pairs<const FIRST_ALTERNATES: bool>(
             (value, value)
         };
         seen |= value | second;
-        // Checked below.
+        // What does not fit is seen below.
         *pair = [value as u8, second as u8];
     }
-    (0..=0xFF).contains(&seen)
+    is_byte(seen).then_some([this, next, second])
+}
+
+/// Takes differences and full values, and counts nibbles; `None` when one leads out of range or is a filler.
+#[inline]
+fn tokens<const FIRST_ALTERNATES: bool>(
+    window: u64,
+    [mut this, mut next, mut second]: Predictions,
+    out: &mut [u8; TOKEN_COUNT],
+) -> Option<(Predictions, usize)> {
+    let (mut rest, mut nibble_count, mut seen) = (window, 0, 0);
+    for pair in out.as_chunks_mut::<2>().0 {
+        let value = token(&mut rest, &mut nibble_count, this);
+        second = token(&mut rest, &mut nibble_count, second);
+        (this, next) = if FIRST_ALTERNATES {
+            (next, value)
+        } else {
+            (value, value)
+        };
+        seen |= value | second;
+        *pair = [value as u8, second as u8];
+    }
+    is_byte(seen).then_some(([this, next, second], nibble_count))
+}
+
+/// The next value, whichever way it is written: both ways are followed and one is chosen.
+#[inline]
+fn token(window: &mut u64, nibble_count: &mut usize, predicted: i32) -> i32 {
+    // The window itself decides: this is what the next token waits for.
+    let is_full = *window >= 0xE << 60;
+    // Four and eight bits.
+    let plain = predicted + DIFFERENCES[(*window >> 60) as usize];
+    let full = (*window >> 52 & 0xFF) as i32;
+    *window = select_unpredictable(is_full, *window << 12, *window << 4);
+    *nibble_count += select_unpredictable(is_full, 3, 1);
+    select_unpredictable(is_full, full, plain)
+}
+
+/// Whether all values of which these are the bits are within a byte.
+#[inline]
+fn is_byte(bits: i32) -> bool {
+    (0..=0xFF).contains(&bits)
 }
 
 /// Encodes lines of `line_bytes`; how many bytes. Every line ends on a byte's border.

@@ -22,6 +22,10 @@ pub enum LossCause {
     Garbage,
     /// The last packet holds the header of the next frame: bytes of its own are missing.
     PacketCut,
+    /// Bytes that are no packet directly behind a frame that was handed out as whole: up to three of its last bytes may
+    /// be missing, and its last pixels are in doubt. (Bytes are not lost one by one within a transfer, so this is
+    /// damage of another kind.)
+    GarbageAfterEnd,
 }
 
 /// A frame, or more than one, that did not arrive whole.
@@ -94,6 +98,8 @@ pub struct FrameReceiver {
     waiting: Option<FrameEvent<'static>>,
     frame_bytes: u64,
     cut: CutDetector,
+    /// Nothing has come since a frame ended.
+    is_after_end: bool,
     counts: LossCounts,
 }
 
@@ -109,6 +115,7 @@ impl FrameReceiver {
             waiting: None,
             frame_bytes: 0,
             cut: CutDetector::default(),
+            is_after_end: false,
             counts: LossCounts::default(),
         }
     }
@@ -140,6 +147,7 @@ impl FrameReceiver {
 
     fn header(&mut self, header: PacketHeader) -> Option<FrameEvent<'static>> {
         self.current = None;
+        self.is_after_end = false;
         match header.kind {
             PacketKind::Frame(kind, part) if kind == self.kind => self.own_header(header, part),
             PacketKind::ProjectorFault | PacketKind::Overheat => {
@@ -224,7 +232,7 @@ impl FrameReceiver {
     fn payload<'a>(&mut self, bytes: &'a [u8]) -> Option<FrameEvent<'a>> {
         let current = self.current?;
         if is_end(&current) {
-            self.cut.look(self.kind, current.id.wrapping_add(1), bytes);
+            self.cut.look(self.kind, next_id(&current), bytes);
         }
         self.frame_bytes += bytes.len() as u64;
         Some(FrameEvent::Data(bytes))
@@ -235,18 +243,26 @@ impl FrameReceiver {
         if !is_end(&current) {
             return None;
         }
-        if self.cut.found {
+        if self.cut.found || self.cut.ends_within_a_header(self.kind, next_id(&current)) {
             return Some(self.lose(LossCause::PacketCut));
         }
         self.state = State::Between;
+        self.is_after_end = true;
         self.counts.ended_count += 1;
         Some(FrameEvent::Ended(current.ticks()?))
     }
 
     fn garbage(&mut self, count: usize) -> Option<FrameEvent<'static>> {
         self.counts.garbage_bytes += count as u64;
+        if core::mem::take(&mut self.is_after_end) {
+            return Some(self.lose(LossCause::GarbageAfterEnd));
+        }
         (self.state == State::In).then(|| self.lose(LossCause::Garbage))
     }
+}
+
+fn next_id(header: &PacketHeader) -> u16 {
+    header.id.wrapping_add(1)
 }
 
 fn is_end(header: &PacketHeader) -> bool {
@@ -264,15 +280,24 @@ struct CutDetector {
 
 impl CutDetector {
     fn look(&mut self, kind: StreamKind, next_id: u16, bytes: &[u8]) {
-        let [magic0, magic1] = PACKET_MAGIC;
-        let [kind0, kind1] = PacketKind::Frame(kind, PartKind::Start)
-            .code()
-            .to_le_bytes();
-        let [id0, id1] = next_id.to_le_bytes();
-        let sought = u64::from_be_bytes([0, 0, magic0, magic1, kind0, kind1, id0, id1]);
+        let sought = first_six_bytes(kind, next_id);
         for &byte in bytes {
             self.window = self.window << 8 | u64::from(byte);
             self.found |= self.window & 0xFFFF_FFFF_FFFF == sought;
         }
     }
+
+    /// Whether the payload ends with the first four or five bytes of that header: fewer are there by chance.
+    fn ends_within_a_header(&self, kind: StreamKind, next_id: u16) -> bool {
+        let sought = first_six_bytes(kind, next_id);
+        self.window & 0xFFFF_FFFF == sought >> 16 || self.window & 0xFF_FFFF_FFFF == sought >> 8
+    }
+}
+
+/// Of the header of a START packet, the first the highest.
+fn first_six_bytes(kind: StreamKind, id: u16) -> u64 {
+    let [magic0, magic1] = PACKET_MAGIC;
+    let code = PacketKind::Frame(kind, PartKind::Start).code();
+    let ([kind0, kind1], [id0, id1]) = (code.to_le_bytes(), id.to_le_bytes());
+    u64::from_be_bytes([0, 0, magic0, magic1, kind0, kind1, id0, id1])
 }
