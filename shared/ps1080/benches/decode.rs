@@ -106,7 +106,7 @@ fn color(format: ColorFormat, sigma: f64) {
             let slow = (column as f64 / 90.0).sin() + (at / line_bytes) as f64 / 480.0;
             let height = if is_chroma { 15.0 } else { 60.0 };
             // An edge every 50 pixels.
-            let edge = if !is_chroma && column / 50 % 2 == 0 {
+            let edge = if !is_chroma && (column / 50).is_multiple_of(2) {
                 25.0
             } else {
                 0.0

@@ -1,4 +1,4 @@
-//! Feeds mutants to the receivers and decoders: `wire_fuzz COUNT [SEED]`.
+//! Feeds mutants to the receivers and decoders: `wire_fuzz stream|host|samples|color COUNT [SEED]`.
 //!
 //! A panic ends the program; each thousand executions begin with a seed of their own, which is printed then.
 
@@ -8,7 +8,7 @@ use std::panic;
 use rand::SeedableRng as _;
 use rand_pcg::Pcg64Mcg;
 
-use crate::mutate::{Counts, execute};
+use crate::mutate::{Counts, Target, execute};
 
 #[path = "../../tests/wire/made.rs"]
 #[expect(dead_code, reason = "the tests use all of it")]
@@ -23,9 +23,13 @@ const ROUND: u64 = 1000;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [count, rest @ ..] = arguments.as_slice() else {
-        return Err("wire_fuzz COUNT [SEED]".into());
+    let [target, count, rest @ ..] = arguments.as_slice() else {
+        return Err("wire_fuzz stream|host|samples|color COUNT [SEED]".into());
     };
+    let target = Target::ALL
+        .into_iter()
+        .find(|known| format!("{known:?}").eq_ignore_ascii_case(target))
+        .ok_or("no such target")?;
     let count: u64 = count.parse()?;
     let first = rest.first().map_or(Ok(1), |seed| seed.parse())?;
     let mut counts = Counts::default();
@@ -34,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let executed = panic::catch_unwind(panic::AssertUnwindSafe(|| {
             for _ in 0..ROUND.min(count - round * ROUND) {
-                execute(&mut random, &mut counts);
+                execute(target, &mut random, &mut counts);
             }
         }));
         if executed.is_err() {

@@ -6,6 +6,7 @@
 mod opcode;
 mod reply;
 mod request;
+mod request_bytes;
 
 pub use opcode::{Nack, Opcode};
 pub use reply::{MAX_REPLY_DATA_BYTES, Received, ReplyError, ReplyReader, encode_reply};

@@ -189,6 +189,10 @@ impl FrameReceiver {
         } else if self.state == State::In {
             self.current = Some(header);
             self.cut = CutDetector::default();
+            // The header may be what was cut.
+            if let Some(bytes) = header.encode().filter(|_| part == PartKind::End) {
+                self.cut.look(self.kind, next_id(&header), &bytes);
+            }
         }
         lost
     }

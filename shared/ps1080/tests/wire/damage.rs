@@ -90,21 +90,19 @@ fn compressed_colour_that_leads_nowhere() {
     let yuv = |payload: &[u8], damage| {
         color_is_refused(ColorFormat::CompressedYuv422, (2, 2), payload, damage);
     };
-    // Full values for two lines of U Y V Y, each ending on a byte.
-    let line = [0xF1, 0x0F, 0x20, 0xF3, 0x0D, 0x66];
-    // The line has an odd number of nibbles and no filler before its last token.
-    yuv(&[0xF1, 0x0F, 0x20, 0xF3, 0x06, 0x66], Damage::Excess);
-    let border = [0xF1, 0x0F, 0x20, 0xF3, 0x0F, 0x11, 0xF1];
-    yuv(&border[..6], Damage::Short { missing_count: 4 });
-    yuv(&[0x6D, 0x66, 0x66], Damage::OutOfRange);
-    yuv(&[0x66, 0x66, 0x56, 0x66], Damage::OutOfRange);
-    yuv(
-        &[line, line].concat()[..11],
-        Damage::Short { missing_count: 1 },
-    );
+    // Three full values and a difference for a line of U Y V Y: ten nibbles.
+    let line = [0xF1, 0x0F, 0x20, 0xF3, 0x06];
     let whole = [line, line].concat();
+    // The last byte ends the third value as well.
+    yuv(&whole[..9], Damage::Short { missing_count: 2 });
     yuv(&[&whole[..], &[0xD6]].concat(), Damage::Excess);
     yuv(&[&whole[..], &[0xDF]].concat(), Damage::Cut);
+    yuv(&[0x65, 0x66], Damage::OutOfRange);
+    yuv(&[0x66, 0x66, 0x56, 0x66], Damage::OutOfRange);
+    // Nine nibbles: the next line would begin within a byte.
+    yuv(&[0xF1, 0x0F, 0x20, 0xD6, 0x66], Damage::LineBorder);
+    let filled_up = [0xF1, 0x0F, 0x20, 0xD6, 0x6D];
+    yuv(&filled_up, Damage::Short { missing_count: 4 });
     // A line of four pixels of a mosaic, then a line that begins in its last byte.
     let bayer = [0xF1, 0x0F, 0x20, 0x66, 0x66, 0x66];
     let size = (4, 2);

