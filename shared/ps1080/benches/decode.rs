@@ -1,8 +1,8 @@
 //! Unpacking of VGA frames on one core; `cargo bench -p ps1080` prints MB/s of output, median (best), and the ratio to
 //! the twin that takes one bit or one nibble at a time.
 //!
-//! Payload comes in packets of 3060 bytes. Colour: smooth waves with noise of the given sigma in codes; the share of full
-//! values, which cost most, is printed.
+//! Payload comes in packets of 3060 bytes. Colour: smooth waves with noise of the given sigma in codes; the share of
+//! full values, which cost most, is printed.
 
 use std::hint::black_box;
 

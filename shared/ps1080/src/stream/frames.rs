@@ -82,11 +82,15 @@ enum State {
     Lost,
 }
 
-/// Receives one stream of one endpoint.
+/// Receives one stream of one endpoint. It knows no clock: stamps become times in crate sequence (`TickUnwrapper`).
 ///
 /// A frame counts as whole when it has its START, its END and all packets between by their ids. This is stricter than
 /// OpenNI2, which lets any id 0 pass: here only START may begin to count anew. A packet that equals the one before in
 /// its header is a repetition and is left out.
+///
+/// Packets have no checksum. Bits that change in a payload, and bytes missing of just the length at which what is left
+/// fits together (a whole packet's, from within one END to within the next START), cannot be seen here before the frame
+/// is handed out; the latter breaks the ids right after it.
 #[derive(Clone, Debug)]
 pub struct FrameReceiver {
     kind: StreamKind,

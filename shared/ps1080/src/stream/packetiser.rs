@@ -23,8 +23,8 @@ pub struct Packet<'a> {
 }
 
 impl Packetiser {
-    /// For packets of at most `packet_bytes`, their header included; `None` where that leaves no payload or does not fit
-    /// the size field.
+    /// For packets of at most `packet_bytes`, their header included; `None` where that leaves no payload or does not
+    /// fit the size field.
     pub fn new(kind: StreamKind, packet_bytes: usize) -> Option<Self> {
         (HEADER_BYTES + 1..=MAX_PACKET_BYTES)
             .contains(&packet_bytes)

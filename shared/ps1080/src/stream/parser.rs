@@ -34,8 +34,8 @@ impl PacketParser {
         Self::default()
     }
 
-    /// The next piece of `transfer`, from which it is taken off; `None` when all of it is taken. Every call but the last
-    /// takes something or ends a packet.
+    /// The next piece of `transfer`, from which it is taken off; `None` when all of it is taken. Every call but the
+    /// last takes something or ends a packet.
     pub fn next<'a>(&mut self, transfer: &mut &'a [u8]) -> Option<Piece<'a>> {
         if self.in_packet {
             return self.next_of_packet(transfer);

@@ -20,8 +20,8 @@ impl DeviceTicks {
     }
 }
 
-/// How fast the counter runs: what the frequency block says (protocol section 3, algorithm type 0x80). It is to be asked
-/// again at every start of a stream.
+/// How fast the counter runs: what the frequency block says (protocol section 3, algorithm type 0x80). It is to be
+/// asked again at every start of a stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TickRate {
     hz: u64,

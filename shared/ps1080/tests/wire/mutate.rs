@@ -71,8 +71,8 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Pcg64Mcg) {
     }
 }
 
-/// Packets are lost, repeated, swapped, cut, preceded by garbage, their headers damaged; payload is never changed. A frame
-/// that comes out is one that went in, or it is doubted.
+/// Packets are lost, repeated, swapped, cut, preceded by garbage, their headers damaged; payload is never changed. A
+/// frame that comes out is one that went in, or it is doubted.
 fn stream(random: &mut Pcg64Mcg, counts: &mut Counts) {
     let format = SampleFormat::ALL[random.random_range(0..5)];
     let count = 8 * random.random_range(1..6);
@@ -84,7 +84,8 @@ fn stream(random: &mut Pcg64Mcg, counts: &mut Counts) {
         .map(|codes| encoded_samples(format, codes, 8))
         .collect();
     let mut packets = packets(&payloads, random.random_range(16..60));
-    // One kind of damage a stream, of the last two one alone: two can undo each other's traces, as two cuts of one length.
+    // One kind of damage a stream, of the last two one alone: two can undo each other's traces, as two cuts of one
+    // length.
     let kind = random.random_range(0..6);
     let damage_count = if kind < 4 {
         random.random_range(0..4)
