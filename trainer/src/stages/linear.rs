@@ -130,8 +130,9 @@ pub struct Linear {
     pub summary: LinearSummary,
 }
 
-/// Weights of D's prior that are tried (srm-feasibility section 4), at ten rows a vertex.
-const WEIGHTS: [f64; 4] = [0.1, 0.2, 0.4, 0.8];
+/// Weights of D's prior that may be tried, at ten rows a vertex: those of srm-feasibility section 4 and one beyond each
+/// end, which weak reflectors (0.05) and polished balls (1.6) take.
+const WEIGHTS: [f64; 6] = [0.05, 0.1, 0.2, 0.4, 0.8, 1.6];
 /// Rows a vertex for which the weights are stated.
 const STATED_ROWS_PER_VERTEX: f64 = 10.0;
 /// One row in this many takes part in the choices.
