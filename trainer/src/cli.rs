@@ -67,23 +67,23 @@ enum Command {
     after_help = "Example:\n  glint import captures/kitchen --rig recordings/redkitchen-rig.toml --range 122..222 -o kitchen.glint"
 )]
 struct ImportArgs {
-    /// Folder with the frames.
+    /// Folder with the frames, or a recording of OpenNI (.oni).
     input: PathBuf,
     /// Recording to write.
     #[arg(short, long)]
     output: PathBuf,
-    /// Layout of the folder; recognised when absent.
+    /// Layout of the input; recognised when absent.
     #[arg(long, value_enum)]
     format: Option<ImportFormat>,
-    /// Rig file (TOML); `rig.toml` in the folder when absent.
+    /// Rig file (TOML); when absent, `rig.toml` in the folder, or the nominal cameras of the recording of OpenNI.
     #[arg(long)]
     rig: Option<PathBuf>,
     /// Split file (JSON: train, unused, test, numbered as for --range); `split.json` in the folder when
     /// absent, else all train.
     #[arg(long)]
     split: Option<PathBuf>,
-    /// Frames A..B (B excluded), by the numbers in their names; in TUM folders depth images by position,
-    /// from 0.
+    /// Frames A..B (B excluded), by the numbers in their names; in TUM folders and recordings of OpenNI depth images by
+    /// position, from 0.
     #[arg(long, value_parser = parse_range)]
     range: Option<std::ops::Range<usize>>,
     /// Replace the recording if it exists.
@@ -246,8 +246,11 @@ fn run_import(args: &ImportArgs, progress: &Progress) -> anyhow::Result<Summary>
     };
     progress.stage("import");
     let report = import(&options, &mut |done, of| progress.step(done, of))?;
-    let json = serde_json::to_value(&report)?;
-    Ok(Summary::whole(report.to_string(), json))
+    Ok(Summary {
+        json: serde_json::to_value(&report)?,
+        text: report.to_string(),
+        missing: report.missing,
+    })
 }
 
 fn run_report(args: &ReportArgs) -> anyhow::Result<Summary> {

@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use sequence::codecs::DepthCodec;
 use sequence::encode::{ColorStreamEncoder, DepthStreamEncoder};
 use sequence::{
-    COLOR_STREAM, ColorEncoding, DEPTH_STREAM, FrameTimes, Gap, RecordingWriter, SequenceError,
-    Streams,
+    COLOR_STREAM, ColorEncoding, DEPTH_STREAM, FrameTimes, Gap, GapCause, RecordingWriter,
+    SequenceError, Streams,
 };
 
 use super::checks::median_code;
@@ -95,12 +95,19 @@ fn require_size<T>(
 }
 
 /// An image that was read and decoded.
-enum Loaded {
+pub(crate) enum Loaded {
     Depth(Image<u16>),
     Color(Vec<u8>),
+    /// Bytes that are no image, and why: a gap of the recording.
+    Damaged(String),
 }
 
-fn load(source: &Source, image: StreamImage, streams: &Streams) -> Result<Loaded, ImportError> {
+/// Reads and decodes an image of a folder.
+pub(crate) fn load_file(
+    source: &Source,
+    image: StreamImage,
+    streams: &Streams,
+) -> Result<Loaded, ImportError> {
     let path = &source.image(image).path;
     let file = read_file(path)?;
     match image {
@@ -109,10 +116,11 @@ fn load(source: &Source, image: StreamImage, streams: &Streams) -> Result<Loaded
     }
 }
 
-/// Copies all images; `progress(done, of)` is called after each.
+/// Copies all images, which `load` reads and decodes; `progress(done, of)` is called after each.
 pub(crate) fn copy_images(
     source: &Source,
     streams: &Streams,
+    load: &(dyn Fn(StreamImage) -> Result<Loaded, ImportError> + Sync),
     writer: &mut RecordingWriter,
     progress: &mut dyn FnMut(usize, usize),
 ) -> anyhow::Result<Copied> {
@@ -121,13 +129,14 @@ pub(crate) fn copy_images(
     let mut done_count = 0;
     for batch in order.chunks(BATCH) {
         crate::interrupt::check()?;
-        let loaded: Vec<Result<Loaded, ImportError>> = batch
-            .par_iter()
-            .map(|image| load(source, *image, streams))
-            .collect();
+        let loaded: Vec<Result<Loaded, ImportError>> =
+            batch.par_iter().map(|image| load(*image)).collect();
         for (image, loaded) in batch.iter().zip(loaded) {
             // In order: the first bad image is the one reported, whatever thread met another.
-            copier.write(writer, source.image(*image), loaded?)?;
+            match loaded? {
+                Loaded::Damaged(why) => copier.skip(writer, *image, source.image(*image), why)?,
+                loaded => copier.write(writer, source.image(*image), loaded)?,
+            }
             done_count += 1;
             progress(done_count, order.len());
         }
@@ -145,6 +154,8 @@ pub(crate) struct Copied {
     pub(crate) repeated_depth: Repeats,
     /// Colour images that equal the one before (JPEG: byte for byte).
     pub(crate) repeated_color: Repeats,
+    /// Images that were no images, a line each.
+    pub(crate) damaged: Vec<String>,
 }
 
 /// Images that equal the one before.
@@ -204,6 +215,7 @@ impl<'a> Copier<'a> {
                 histogram: vec![0; 1 << 16],
                 repeated_depth: Repeats::default(),
                 repeated_color: Repeats::default(),
+                damaged: Vec::new(),
             },
         })
     }
@@ -217,8 +229,38 @@ impl<'a> Copier<'a> {
         match loaded {
             Loaded::Depth(codes) => self.write_depth(writer, image, codes)?,
             Loaded::Color(frame) => self.write_color(writer, image, frame)?,
+            // Whoever calls has skipped these.
+            Loaded::Damaged(_) => {}
         }
         writer.seal_if_due(image.times.device_nanos)
+    }
+
+    /// Writes a gap in place of an image.
+    fn skip(
+        &mut self,
+        writer: &mut RecordingWriter,
+        place: StreamImage,
+        image: &SourceImage,
+        why: String,
+    ) -> Result<(), SequenceError> {
+        let (stream, name) = match place {
+            StreamImage::Depth(_) => (DEPTH_STREAM, "depth"),
+            StreamImage::Color(_) => (COLOR_STREAM, "colour"),
+        };
+        let number = image.times.number;
+        self.write_gaps(writer, stream, number)?;
+        self.copied
+            .damaged
+            .push(format!("{name} frame {number}: {why}"));
+        writer.write_gap(&Gap {
+            stream,
+            first_number: number,
+            count: 1,
+            from_nanos: None,
+            to_nanos: None,
+            cause: Some(GapCause::Damaged),
+            note: why,
+        })
     }
 
     fn write_depth(

@@ -6,7 +6,9 @@ use geometry::{CameraError, PoseError};
 use imaging::ImagingError;
 use sequence::SequenceError;
 
-/// Why a folder cannot be imported.
+use super::oni::OniDamage;
+
+/// Why something cannot be imported.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
     /// A file or folder that cannot be read.
@@ -29,12 +31,22 @@ pub enum ImportError {
     },
     /// A folder of no known layout.
     #[error(
-        "{} looks like no layout that is known: 7-Scenes has frame-000000.color.jpg (or .png), .depth.png and .pose.txt, TUM has rgb.txt and depth.txt, a plain folder has frames/ and poses.txt; name one with --format to see what is missing",
+        "{} looks like no layout that is known: 7-Scenes has frame-000000.color.jpg (or .png), .depth.png and .pose.txt, TUM has rgb.txt and depth.txt, a plain folder has frames/ and poses.txt, a recording of OpenNI is one file; name one with --format to see what is missing",
         path.display()
     )]
     UnknownLayout {
         /// The folder.
         path: PathBuf,
+    },
+    /// A recording of OpenNI that cannot be read.
+    #[error("{}: {what}: {source}", path.display())]
+    Oni {
+        /// The file.
+        path: PathBuf,
+        /// Which part of it.
+        what: String,
+        /// What is wrong.
+        source: OniDamage,
     },
     /// No description of the cameras.
     #[error("there is no rig file: give one with --rig, or put it at {}", path.display())]

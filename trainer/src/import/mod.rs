@@ -1,9 +1,9 @@
-//! `glint import`: a recording from a folder of frames.
+//! `glint import`: a recording from a folder of frames or from another program's recording.
 //!
 //! [`rig`] cameras from TOML (`judge` their numbers, `transform` between them; `rig_writing` the other way) ·
 //! `source` two streams of images with their times, and poses · `folder`, `seven_scenes` and `tum` the
 //! layouts (`trajectory` lines of text with times, `frames_json` and `gaps` what a recording knew before it was
-//! exported) · `split` who may see what · [`checks`] plausibility,
+//! exported) · [`oni`] recordings of OpenNI, cameras and all · `split` who may see what · [`checks`] plausibility,
 //! before anything is written · `copy` images into the recording · [`report`] what was done · [`error`] what
 //! is refused.
 //!
@@ -17,6 +17,7 @@ mod folder;
 mod frames_json;
 mod gaps;
 mod judge;
+pub mod oni;
 pub mod report;
 pub mod rig;
 mod rig_writing;
@@ -42,15 +43,15 @@ pub use error::ImportError;
 pub use report::{DepthReport, ImportReport};
 
 use checks::{check_depth_unit, check_pose_direction};
-use copy::{copy_images, depth_codes};
+use copy::{Loaded, copy_images, depth_codes, load_file};
 use error::read_file;
 use rig::{PoseCamera, Rig};
-use source::{Source, SourceImage};
+use source::{Source, SourceImage, StreamImage};
 
 /// Name of the pose set that an import makes.
 pub const POSE_SET: &str = "source";
 
-/// Layout of a folder.
+/// Layout of what is imported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 pub enum ImportFormat {
     /// `frame-NNNNNN.color.png` (or .jpg, .yuv), `.depth.png`, `.pose.txt` in one folder.
@@ -65,18 +66,22 @@ pub enum ImportFormat {
     #[value(name = "folder")]
     #[serde(rename = "folder")]
     Folder,
+    /// A recording of OpenNI or OpenNI2, one file.
+    #[value(name = "oni")]
+    #[serde(rename = "oni")]
+    Oni,
 }
 
 /// What to import.
 #[derive(Clone, Debug)]
 pub struct ImportOptions {
-    /// Folder with the frames.
+    /// Folder with the frames, or a recording of OpenNI.
     pub input: PathBuf,
     /// Recording to write; replaced when it exists.
     pub output: PathBuf,
-    /// Layout of the folder; recognised when absent.
+    /// Layout of the input; recognised when absent.
     pub format: Option<ImportFormat>,
-    /// Rig file; `rig.toml` in the folder when absent.
+    /// Rig file; when absent, `rig.toml` in the folder, or what the recording of OpenNI says.
     pub rig: Option<PathBuf>,
     /// Split file; `split.json` in the folder when absent, else all train.
     pub split: Option<PathBuf>,
@@ -84,19 +89,38 @@ pub struct ImportOptions {
     pub range: Option<Range<usize>>,
 }
 
-/// Imports a folder; `progress(done, of)` is called as frames are written. Nothing is left under the name
-/// of the recording unless all went well.
+/// Imports a folder or a recording of OpenNI; `progress(done, of)` is called as frames are written. Nothing is left
+/// under the name of the recording unless all went well.
+///
+/// # Errors
+/// [`ImportError`] in what is imported, errors of the disk, an interruption.
 pub fn import(
     options: &ImportOptions,
     progress: &mut dyn FnMut(usize, usize),
 ) -> anyhow::Result<ImportReport> {
-    let rig_path = match &options.rig {
-        Some(path) => path.clone(),
-        None => options.input.join("rig.toml"),
-    };
     let format = match options.format {
         Some(format) => format,
         None => recognise(&options.input)?,
+    };
+    if format == ImportFormat::Oni {
+        let oni = oni::read(options)?;
+        let (split, split_notes) = split::split_of(&oni.source, options.split.as_deref())?;
+        let found = Found {
+            format,
+            source: &oni.source,
+            streams: &oni.streams,
+            split,
+            poses: Vec::new(),
+            pose_fit: None,
+            notes: split_notes,
+        };
+        let mut report = found.write(options, &|image| Ok(oni.load(image)), progress)?;
+        report.missing.splice(0..0, oni.missing);
+        return Ok(report);
+    }
+    let rig_path = match &options.rig {
+        Some(path) => path.clone(),
+        None => options.input.join("rig.toml"),
     };
     if options.rig.is_none() && !rig_path.exists() {
         return Err(ImportError::NoRig { path: rig_path }.into());
@@ -112,7 +136,8 @@ pub fn import(
             streams.color_timing = streams.depth_timing;
             seven_scenes::read(&options.input, range, rate_hz)?
         }
-        ImportFormat::Tum => tum::read(&options.input, range, rig.pose_stamps)?,
+        // OpenNI's are gone by now.
+        ImportFormat::Tum | ImportFormat::Oni => tum::read(&options.input, range, rig.pose_stamps)?,
     };
     require_encoding(&source, streams.color.encoding)?;
     if let Some(recorded) = &source.recorded {
@@ -124,31 +149,9 @@ pub fn import(
         let beside = options.input.join("split.json");
         beside.exists().then_some(beside)
     });
-    let (split, split_notes) = split::split_of(&source, split_path.as_deref())?;
+    let (split, mut notes) = split::split_of(&source, split_path.as_deref())?;
     let poses = world_from_depth(&source, rig.poses, &streams.color_from_depth);
     let pose_fit = check_samples(&source, &poses, &streams)?;
-
-    let mut writer = begin(options, &source, &streams, &split)?;
-    let posed = source
-        .depth
-        .iter()
-        .zip(&poses)
-        .filter_map(|(image, pose)| Some(FramePose::ok(image.times.number, (*pose)?)));
-    let frame_poses: Vec<FramePose> = posed.collect();
-    let set = if frame_poses.is_empty() {
-        None
-    } else {
-        Some(writer.begin_poses(POSE_SET, WRITER, DEPTH_STREAM)?)
-    };
-    writer.write_split(&split)?;
-    let copied = copy_images(&source, &streams, &mut writer, progress)?;
-    if let Some(set) = set {
-        writer.write_poses(set, &frame_poses)?;
-    }
-    let finished = writer.finish("complete")?;
-    require_nothing_lost(&options.output, &finished.lost)?;
-    let mut notes = source.notes.clone();
-    notes.extend(split_notes);
     notes.extend(rig.notes());
     if pose_fit.is_some_and(|fit| fit.given_fraction < 0.5) {
         notes.push(
@@ -156,28 +159,96 @@ pub fn import(
                 .to_owned(),
         );
     }
-    Ok(ImportReport {
-        output: options.output.clone(),
-        bytes: finished.bytes,
+    let found = Found {
         format,
-        frame_count: source.depth.len(),
-        color_count: source.color.len(),
-        // Pairing is the reader's: asked, not guessed.
-        pair_count: Recording::open(&options.output)?.frame_count(),
-        pose_count: frame_poses.len(),
-        train_count: split.train.len(),
-        unused_count: split.unused.len(),
-        test_count: split.test.len(),
-        duration_s: duration_s(&source),
-        depth: copied.depth_report(streams.depth.depth_scale),
-        repeated_depth_count: copied.repeated_depth.count,
-        repeated_color_count: copied.repeated_color.count,
-        repeated_depth_frames: copied.repeated_depth.numbers,
-        repeated_color_frames: copied.repeated_color.numbers,
-        worst_rotation_error: source.worst_rotation_error,
+        source: &source,
+        streams: &streams,
+        split,
+        poses,
         pose_fit,
         notes,
-    })
+    };
+    found.write(
+        options,
+        &|image| load_file(&source, image, &streams),
+        progress,
+    )
+}
+
+/// What is to be written, all of it judged.
+struct Found<'a> {
+    format: ImportFormat,
+    source: &'a Source,
+    streams: &'a Streams,
+    split: Split,
+    /// World from depth camera, one for each depth image where it is known; may be empty.
+    poses: Vec<Option<Pose>>,
+    pose_fit: Option<checks::PoseFit>,
+    /// Beside those of the source.
+    notes: Vec<String>,
+}
+
+impl Found<'_> {
+    fn write(
+        self,
+        options: &ImportOptions,
+        load: &(dyn Fn(StreamImage) -> Result<Loaded, ImportError> + Sync),
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> anyhow::Result<ImportReport> {
+        let Self {
+            format,
+            source,
+            streams,
+            split,
+            poses,
+            pose_fit,
+            notes: more_notes,
+        } = self;
+        let mut writer = begin(options, source, streams, &split)?;
+        let posed = source
+            .depth
+            .iter()
+            .zip(&poses)
+            .filter_map(|(image, pose)| Some(FramePose::ok(image.times.number, (*pose)?)));
+        let frame_poses: Vec<FramePose> = posed.collect();
+        let set = if frame_poses.is_empty() {
+            None
+        } else {
+            Some(writer.begin_poses(POSE_SET, WRITER, DEPTH_STREAM)?)
+        };
+        writer.write_split(&split)?;
+        let copied = copy_images(source, streams, load, &mut writer, progress)?;
+        if let Some(set) = set {
+            writer.write_poses(set, &frame_poses)?;
+        }
+        let finished = writer.finish("complete")?;
+        require_nothing_lost(&options.output, &finished.lost)?;
+        let mut notes = source.notes.clone();
+        notes.extend(more_notes);
+        Ok(ImportReport {
+            output: options.output.clone(),
+            bytes: finished.bytes,
+            format,
+            frame_count: source.depth.len(),
+            color_count: source.color.len(),
+            // Pairing is the reader's: asked, not guessed.
+            pair_count: Recording::open(&options.output)?.frame_count(),
+            pose_count: frame_poses.len(),
+            train_count: split.train.len(),
+            unused_count: split.unused.len(),
+            test_count: split.test.len(),
+            duration_s: duration_s(source),
+            depth: copied.depth_report(streams.depth.depth_scale),
+            repeated_depth_count: copied.repeated_depth.count,
+            repeated_color_count: copied.repeated_color.count,
+            repeated_depth_frames: copied.repeated_depth.numbers,
+            repeated_color_frames: copied.repeated_color.numbers,
+            worst_rotation_error: source.worst_rotation_error,
+            pose_fit,
+            notes,
+            missing: copied.damaged,
+        })
+    }
 }
 
 /// What the recording says made it.
@@ -244,6 +315,9 @@ fn duration_s(source: &Source) -> f64 {
 }
 
 fn recognise(folder: &Path) -> Result<ImportFormat, ImportError> {
+    if folder.is_file() {
+        return Ok(ImportFormat::Oni);
+    }
     if let Err(source) = std::fs::read_dir(folder) {
         return Err(ImportError::Read {
             path: folder.to_path_buf(),

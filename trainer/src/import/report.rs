@@ -15,7 +15,7 @@ pub struct ImportReport {
     pub output: PathBuf,
     /// Its length in bytes.
     pub bytes: u64,
-    /// Layout of the folder.
+    /// Layout of the input.
     pub format: ImportFormat,
     /// Depth images imported.
     pub frame_count: usize,
@@ -50,6 +50,8 @@ pub struct ImportReport {
     pub pose_fit: Option<PoseFit>,
     /// What was assumed or left out.
     pub notes: Vec<String>,
+    /// What the input had lost, a line each; gaps of the recording.
+    pub missing: Vec<String>,
 }
 
 /// Depth samples by what they say.
@@ -87,7 +89,7 @@ impl fmt::Display for ImportReport {
             self.test_count,
         )?;
         let is_all_paired = self.pair_count == self.frame_count.max(self.color_count);
-        if self.format == ImportFormat::Tum || !is_all_paired {
+        if matches!(self.format, ImportFormat::Tum | ImportFormat::Oni) || !is_all_paired {
             writeln!(
                 f,
                 "{} depth and {} colour images make {} pairs by time",

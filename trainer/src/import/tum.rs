@@ -156,7 +156,7 @@ fn count_neighbours<T>(lines: &[T], holds: impl Fn(&T, &T) -> bool) -> usize {
 }
 
 /// The colour images that may belong to one of the depth images.
-fn around(color: &[SourceImage], depth: &[SourceImage]) -> Vec<SourceImage> {
+pub(super) fn around(color: &[SourceImage], depth: &[SourceImage]) -> Vec<SourceImage> {
     let (Some(first), Some(last)) = (depth.first(), depth.last()) else {
         return Vec::new();
     };
