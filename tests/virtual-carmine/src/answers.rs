@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use ps1080::blocks::{BlankingBlock, FixedField, Text, encode_platform_string, encode_tick_rate};
+use ps1080::blocks::{
+    BlankingBlock, CmosPreset, FixedField, Text, encode_platform_string, encode_tick_rate,
+};
 use ps1080::firmware::Feature;
 use ps1080::host::{AlgorithmKind, Nack, Request};
 use ps1080::mode::{CameraMode, Cmos, Resolution};
@@ -260,7 +262,7 @@ impl Memory {
             Cmos::Image => &self.unit.color_presets,
             Cmos::Depth => &[],
         };
-        Ok(presets.iter().flat_map(|preset| preset.encode()).collect())
+        Ok(presets.iter().flat_map(CmosPreset::encode).collect())
     }
 
     /// The part of a block from byte `at` on that fits a reply; nothing past its end.

@@ -22,9 +22,10 @@ pub struct Counters {
 pub struct StreamCounters {
     /// Frames that the sensor began.
     pub frames_filmed: u64,
-    /// Frames of which the host took every byte, unharmed.
+    /// Frames of which the host took every byte, unharmed; packets may have come twice.
     pub frames_delivered: u64,
-    /// Frames of which the host took the last packet but not all, or not unharmed.
+    /// Frames of which something was lost or harmed on the way to the host. When all has been fetched, these and the
+    /// delivered ones are all that were filmed, but for one that was under way when the stream was switched off.
     pub frames_damaged: u64,
     /// Packets made, and those that a fault took away or doubled too.
     pub packets_made: u64,

@@ -309,7 +309,6 @@ impl Frame {
         self.packet_ends.push(self.wire.len());
         if is_double {
             counters.duplicated_packets += 1;
-            self.is_whole = false;
             self.wire.extend_from_within(at..);
             self.packet_ends.push(self.wire.len());
         }

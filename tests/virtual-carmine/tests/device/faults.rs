@@ -99,13 +99,14 @@ fn harmed_packets_cost_frames_and_whole_frames_are_as_filmed() {
             ..Faults::default()
         },
     ] {
-        let is_harmless = faults.transfer_split_chance > 0.0;
-        let mut host = streaming(faults);
+        let is_harmless = faults.packet_drop_chance == 0.0;
+        let mut host = streaming(faults.clone());
         let transfers = host.transfers(&[0x81], 2 * SECOND);
         let (frames, lost_count) = frames(StreamKind::Depth, 0x81, &transfers);
         let counters = host.bus.camera().counters().depth;
-        let harmed = counters.dropped_packets + counters.duplicated_packets;
-        assert_eq!(harmed == 0, is_harmless);
+        assert_eq!(counters.dropped_packets == 0, is_harmless);
+        let doubles = counters.duplicated_packets > 0;
+        assert_eq!(doubles, faults.packet_duplicate_chance > 0.0);
         assert_eq!(lost_count == 0, is_harmless);
         assert_eq!(counters.frames_damaged == 0, is_harmless);
         let delivered = host.bus.camera().delivered(StreamKind::Depth);
@@ -168,7 +169,7 @@ fn a_stall_is_silent_and_then_packets_are_missing() {
     assert!(before > 50 && during <= 1, "{before}, {during}");
     let after = host.transfers(&[0x81], 300 * MILLISECOND);
     let (frames, _) = frames(StreamKind::Depth, 0x81, &after);
-    assert!(frames.len() >= 8);
+    assert!(frames.len() >= 6, "{} frames", frames.len());
     assert!(host.bus.camera().counters().depth.fifo_lost_packets > 0);
 }
 

@@ -154,8 +154,9 @@ fn a_host_that_does_not_read_loses_whole_packets_and_the_camera_counts_them() {
     assert!(counters.fifo_lost_bytes > 6_000_000, "{counters:?}");
     assert_eq!(counters.frames_delivered, frames.len() as u64);
     assert!(lost_count >= 1 && frames.len() >= 14);
-    // What was made is delivered, lost, or was cut off when the test ended.
-    assert!(counters.frames_filmed >= 70 && counters.frames_damaged <= 1);
+    // What was filmed is delivered or damaged, or was under way when the test ended.
+    let ended = counters.frames_delivered + counters.frames_damaged;
+    assert!(counters.frames_filmed >= 70 && counters.frames_filmed - ended <= 1);
 }
 
 #[test]
