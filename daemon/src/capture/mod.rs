@@ -96,6 +96,10 @@ pub fn capture_with(
             let mut replay = Replay::open(spec)?;
             capture_from(&mut replay, options, stop, show)
         }
+        SourceSpec::Camera(spec) => {
+            let mut camera = crate::ps1080::open_camera(spec)?;
+            capture_from(&mut camera, options, stop, show)
+        }
     }
 }
 

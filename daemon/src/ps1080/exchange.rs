@@ -125,11 +125,6 @@ impl Exchange {
         self.request.opcode()
     }
 
-    /// When it is to be stepped.
-    pub(super) fn next_nanos(&self) -> i64 {
-        self.next_nanos
-    }
-
     /// Goes on, if it is time.
     pub(super) fn step(&mut self, usb: &mut dyn UsbTransport) -> Result<Step, CameraError> {
         if usb.now_nanos() < self.next_nanos {

@@ -16,6 +16,8 @@ mod error;
 mod exchange;
 mod exposure;
 mod frame_clock;
+#[cfg(feature = "usb")]
+pub mod libusb;
 pub mod modes;
 pub mod open;
 pub mod session;
@@ -24,3 +26,23 @@ pub mod usb;
 
 pub use camera::Camera;
 pub use error::CameraError;
+
+use crate::source_spec::CameraSpec;
+
+/// Opens the camera that `spec` names, and configures it.
+///
+/// # Errors
+/// No such camera, or more than one; one that cannot be opened or cannot do what is wanted.
+#[cfg(feature = "usb")]
+pub fn open_camera(spec: &CameraSpec) -> anyhow::Result<Camera> {
+    libusb::open_camera(spec)
+}
+
+/// This program was built without USB.
+///
+/// # Errors
+/// Always.
+#[cfg(not(feature = "usb"))]
+pub fn open_camera(_: &CameraSpec) -> anyhow::Result<Camera> {
+    anyhow::bail!("this glintd was built without the feature `usb`; build it with, or replay a recording")
+}

@@ -73,6 +73,16 @@ impl Default for Wanted {
 }
 
 impl Wanted {
+    /// The same with pictures of one size.
+    #[must_use]
+    pub fn of_size(self, resolution: Resolution) -> Self {
+        Self {
+            depth_resolution: resolution,
+            color_resolution: resolution,
+            ..self
+        }
+    }
+
     /// Which format of colour `unit` is to send.
     ///
     /// # Errors
