@@ -205,7 +205,7 @@ impl FrameSource for Camera {
             session.stop_streams(self.endpoints);
         }
         match result {
-            Err(error) if !has_frames => Err(error.into()),
+            Err(error) if !has_frames && !is_gone => Err(error.into()),
             Err(error) if !is_gone => {
                 tracing::error!("the recording ends: {error}");
                 Ok(SourceReport::default())

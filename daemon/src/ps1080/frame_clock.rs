@@ -5,10 +5,12 @@ use sequence::clock::TickUnwrapper;
 
 /// Bits of the camera's counter.
 const TICK_BITS: u32 = 32;
-/// How far a stamp's step may be from the host's before it is not believed: the queues in flight and a host that was
-/// busy for a while.
-const DISBELIEF_NANOS: i64 = 250_000_000;
-/// Stamps in a row that agree with each other and not with the host are believed from this one on.
+/// How far a stamp may be ahead of the host before it is not believed: no packet comes before it was sent, but the first
+/// ones may have been late.
+const AHEAD_NANOS: i64 = 100_000_000;
+/// The two clocks may drift apart by this share: 2000 millionths, ten times what quartzes do.
+const DRIFT_DIVISOR: i64 = 500;
+/// Stamps in a row that contradict the host are believed from this one on: the camera has begun to count anew.
 const BELIEVED_AT: u32 = 3;
 
 /// The first stamp of any stream: time 0 of all of them, since the counter is one.
@@ -30,8 +32,10 @@ pub(super) struct FrameClock {
     unwrapper: TickUnwrapper,
     is_primed: bool,
     period_nanos: i64,
-    /// Device and host time of the last frame.
-    last: Option<(i64, i64)>,
+    /// Device time of the last frame.
+    last_nanos: Option<i64>,
+    /// Least of host time less device time: of packets that were not late.
+    least_offset_nanos: i64,
     disbelieved_count: u32,
 }
 
@@ -42,13 +46,15 @@ impl FrameClock {
             unwrapper: TickUnwrapper::new(rate.hz(), TICK_BITS)?,
             is_primed: false,
             period_nanos: 1_000_000_000 / i64::from(fps.max(1)),
-            last: None,
+            last_nanos: None,
+            least_offset_nanos: i64::MAX,
             disbelieved_count: 0,
         })
     }
 
-    /// The time of a frame whose last byte came at `host_nanos`. Times rise strictly from frame to frame; a stamp that
-    /// contradicts the host's clock does not move the camera's, and its frame gets the host's time.
+    /// The time of a frame whose last byte came at `host_nanos`. Times rise strictly from frame to frame. A stamp before
+    /// the last one, or ahead of the host, is damaged: it does not move the camera's time, and its frame gets the time
+    /// at which a frame is due by the host.
     pub(super) fn stamp(
         &mut self,
         ticks: DeviceTicks,
@@ -63,33 +69,41 @@ impl FrameClock {
         }
         let mut trial = self.unwrapper.clone();
         let unwrapped = trial.unwrap(ticks.0.into(), host_nanos);
-        let Some((last_nanos, last_host_nanos)) = self.last else {
+        let offset_nanos = host_nanos.saturating_sub(unwrapped.nanos);
+        let Some(last_nanos) = self.last_nanos else {
             self.unwrapper = trial;
-            self.last = Some((unwrapped.nanos, host_nanos));
+            self.last_nanos = Some(unwrapped.nanos);
+            self.least_offset_nanos = offset_nanos;
             return Stamped {
                 nanos: unwrapped.nanos,
                 step_count: 0,
             };
         };
-        let passed_nanos = host_nanos.saturating_sub(last_host_nanos).max(0);
-        let expected_nanos = last_nanos.saturating_add(passed_nanos);
         let is_believed = !unwrapped.from_host
             && unwrapped.nanos > last_nanos
-            && unwrapped.nanos.abs_diff(expected_nanos) <= DISBELIEF_NANOS.unsigned_abs();
+            && offset_nanos >= self.least_offset_nanos.saturating_sub(AHEAD_NANOS);
         let nanos = if is_believed || self.disbelieved_count + 1 >= BELIEVED_AT {
+            if !is_believed {
+                self.least_offset_nanos = offset_nanos;
+            }
             self.unwrapper = trial;
             self.disbelieved_count = 0;
             unwrapped.nanos.max(last_nanos.saturating_add(1))
         } else {
             self.disbelieved_count += 1;
-            let step_count = self.steps(passed_nanos);
+            let now_nanos = host_nanos.saturating_sub(self.least_offset_nanos);
+            let step_count = self.steps(now_nanos.saturating_sub(last_nanos));
             last_nanos.saturating_add(step_count.saturating_mul(self.period_nanos))
         };
-        self.last = Some((nanos, host_nanos));
-        let step_count = self.steps(nanos.saturating_sub(last_nanos));
+        let passed_nanos = nanos.saturating_sub(last_nanos);
+        self.last_nanos = Some(nanos);
+        self.least_offset_nanos = self
+            .least_offset_nanos
+            .saturating_add(passed_nanos / DRIFT_DIVISOR)
+            .min(host_nanos.saturating_sub(nanos));
         Stamped {
             nanos,
-            step_count: step_count.unsigned_abs(),
+            step_count: self.steps(passed_nanos).unsigned_abs(),
         }
     }
 
@@ -139,6 +153,21 @@ mod tests {
         assert_eq!(depth.stamp(start, 5, &mut origin).nanos, 0);
         let later = color.stamp(start.after(600_000), 5 + 10_000_000, &mut origin);
         assert_eq!((later.nanos, later.step_count), (10_000_000, 0));
+    }
+
+    #[test]
+    fn packets_that_come_late_and_then_all_at_once_are_missing_nothing() {
+        let (mut clock, mut origin) = (clock(), Origin::default());
+        for frame in 0..60 {
+            let late = if (20..40).contains(&frame) { 40 } else { frame };
+            let stamped = clock.stamp(
+                DeviceTicks(5).after(PERIOD_TICKS * frame),
+                host(frame.max(late)),
+                &mut origin,
+            );
+            assert_eq!(stamped.nanos, frame as i64 * 100_000_000 / 3);
+            assert_eq!(stamped.step_count, u64::from(frame > 0));
+        }
     }
 
     #[test]
