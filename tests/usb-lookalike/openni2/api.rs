@@ -101,31 +101,35 @@ pub(crate) fn load() -> Option<Api> {
         if library.is_null() {
             return None;
         }
-        macro_rules! function {
-            ($name:literal) => {{
-                let symbol = dlsym(library, $name.as_ptr());
-                if symbol.is_null() {
-                    return None;
-                }
-                std::mem::transmute(symbol)
-            }};
-        }
         Some(Api {
-            initialize: function!(c"oniInitialize"),
-            extended_error: function!(c"oniGetExtendedError"),
-            shutdown: function!(c"oniShutdown"),
-            device_open: function!(c"oniDeviceOpen"),
-            device_close: function!(c"oniDeviceClose"),
-            enable_sync: function!(c"oniDeviceEnableDepthColorSync"),
-            create_stream: function!(c"oniDeviceCreateStream"),
-            destroy_stream: function!(c"oniStreamDestroy"),
-            set_property: function!(c"oniStreamSetProperty"),
-            start: function!(c"oniStreamStart"),
-            stop: function!(c"oniStreamStop"),
-            wait: function!(c"oniWaitForAnyStream"),
-            read_frame: function!(c"oniStreamReadFrame"),
-            release_frame: function!(c"oniFrameRelease"),
+            initialize: symbol(library, c"oniInitialize")?,
+            extended_error: symbol(library, c"oniGetExtendedError")?,
+            shutdown: symbol(library, c"oniShutdown")?,
+            device_open: symbol(library, c"oniDeviceOpen")?,
+            device_close: symbol(library, c"oniDeviceClose")?,
+            enable_sync: symbol(library, c"oniDeviceEnableDepthColorSync")?,
+            create_stream: symbol(library, c"oniDeviceCreateStream")?,
+            destroy_stream: symbol(library, c"oniStreamDestroy")?,
+            set_property: symbol(library, c"oniStreamSetProperty")?,
+            start: symbol(library, c"oniStreamStart")?,
+            stop: symbol(library, c"oniStreamStop")?,
+            wait: symbol(library, c"oniWaitForAnyStream")?,
+            read_frame: symbol(library, c"oniStreamReadFrame")?,
+            release_frame: symbol(library, c"oniFrameRelease")?,
         })
+    }
+}
+
+/// The function of a name.
+///
+/// # Safety
+/// `F` is the type of that function.
+unsafe fn symbol<F: Copy>(library: Opaque, name: &CStr) -> Option<F> {
+    const { assert!(size_of::<F>() == size_of::<Opaque>()) };
+    // SAFETY: the library has been loaded and stays; a function is a pointer.
+    unsafe {
+        let symbol = dlsym(library, name.as_ptr());
+        (!symbol.is_null()).then(|| std::mem::transmute_copy(&symbol))
     }
 }
 

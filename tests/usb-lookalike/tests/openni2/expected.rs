@@ -45,8 +45,17 @@ pub(crate) fn depth_mm(pattern: &TestPattern, index: u64, width: u32, height: u3
     })
 }
 
-/// The largest shift means no measurement: 0.
 pub(crate) fn shifts(pattern: &TestPattern, index: u64, width: u32, height: u32) -> Vec<u8> {
+    words(width, height, |x, y| pattern.shift(index, x, y, false))
+}
+
+/// The largest shift, which is no measurement, as 0.
+pub(crate) fn measured_shifts(
+    pattern: &TestPattern,
+    index: u64,
+    width: u32,
+    height: u32,
+) -> Vec<u8> {
     words(width, height, |x, y| {
         let shift = pattern.shift(index, x, y, false);
         if shift < MAX_SHIFT { shift } else { 0 }
