@@ -195,21 +195,30 @@ impl Bus {
         self.spare.push(data);
     }
 
-    /// When there is something to do next: a sleeper may sleep so long. `None`: not before another call.
+    /// When a transfer can end next, or something else happens that is to be looked at: a sleeper may sleep so long, and
+    /// will not be late by more than its own delay. `None`: not before another call.
     pub fn next_nanos(&self) -> Option<i64> {
         if !self.done.is_empty() {
             return Some(self.now_nanos);
         }
-        let reads = self
-            .queues
-            .keys()
-            .filter_map(|&endpoint| self.next_read_nanos(endpoint));
+        let is_iso = self.camera.transfer_kind() == Some(TransferKind::Isochronous);
+        let ends = self.queues.iter().filter_map(|(&endpoint, queue)| {
+            let pending = queue.front()?;
+            if is_iso && !pending.packets.is_empty() {
+                // At most some thousands of packets.
+                let left = (pending.packets.len() - pending.packets_done) as i64;
+                let next_nanos = self.next_read_nanos(endpoint)?;
+                return Some(next_nanos.saturating_add((left - 1) * MICROFRAME_NANOS));
+            }
+            let missing = pending.buffer.len() - pending.filled;
+            let ready_nanos = self.camera.ready_nanos(endpoint, missing)?;
+            Some(ready_nanos.max(self.now_nanos))
+        });
         let unplug = self
             .camera
             .unplug_nanos()
             .filter(|_| !self.camera.is_gone());
-        let next = reads.chain(unplug).min();
-        next.filter(|&next_nanos| next_nanos < i64::MAX)
+        ends.chain(unplug).min()
     }
 
     /// When the first queued transfer of an endpoint is to be read into next.

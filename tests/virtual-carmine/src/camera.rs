@@ -224,6 +224,24 @@ impl VirtualCarmine {
         Some(clock.host_nanos(0) + after_nanos)
     }
 
+    /// When `bytes` more can have come on an endpoint at the earliest, in the host's time; something that is to be looked
+    /// at, such as the end of a frame, may be earlier and is then what is said. `None`: not before a control transfer.
+    pub fn ready_nanos(&self, endpoint: u8, bytes: usize) -> Option<i64> {
+        let clock = self.clock.as_ref()?;
+        let sensor = if endpoint == self.depth_endpoint() {
+            &self.depth
+        } else {
+            &self.image
+        };
+        if let Some(until_nanos) = sensor.stalled_until_nanos(self.now_nanos, &self.faults) {
+            return Some(until_nanos);
+        }
+        if self.faults.transfer_split_chance > 0.0 {
+            return sensor.next_due_nanos(clock);
+        }
+        sensor.ready_nanos(bytes, clock)
+    }
+
     fn endpoint_kinds(&self) -> Option<EndpointKinds> {
         self.settings.get(usize::from(self.alt_setting)).copied()
     }

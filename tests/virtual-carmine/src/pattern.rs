@@ -75,9 +75,9 @@ impl TestPattern {
         let noise = self.noise(frame, column, y, 2);
         // Colours that differ between rows and between U and V, so that mixing them up shows.
         let base = match column % 4 {
-            0 => 90 + column / 16 + y % 7,
-            2 => 160 - column / 16 + y % 5,
-            _ => 40 + (column + 3 * y + frame as u32) / 8 % 160,
+            0 => 90 + wave(column) / 8 + y % 7,
+            2 => 160 - wave(column) / 8 + y % 5,
+            _ => 40 + (wave(column) + 3 * y + frame as u32) / 8 % 160,
         };
         let jump = if noise & 0x1F00 == 0 { 50 } else { 0 };
         (base + jump + noise % 5) as u8
@@ -90,7 +90,7 @@ impl TestPattern {
             return frame as u8;
         }
         let noise = self.noise(frame, x, y, 3);
-        let base = 50 + 60 * (x % 2) + 30 * (y % 2) + (x + y + frame as u32) / 10 % 60;
+        let base = 50 + 60 * (x % 2) + 30 * (y % 2) + (wave(x) + y + frame as u32) / 10 % 60;
         let jump = if noise & 0x1F00 == 0 { 50 } else { 0 };
         (base + jump + noise % 5) as u8
     }
@@ -152,6 +152,13 @@ impl Film for TestPattern {
     fn cycle(&self) -> u64 {
         self.cycle
     }
+}
+
+/// Up and down again, so that a line ends about where the next one begins: a packer that does not begin each line anew
+/// is then found out.
+fn wave(column: u32) -> u32 {
+    let place = column % 640;
+    place.min(640 - place)
 }
 
 fn for_each_place(resolution: Resolution, out: &mut [u16], value: impl Fn(u32, u32) -> u16) {

@@ -149,6 +149,25 @@ impl Sensor {
         Some(clock.host_nanos(device_nanos))
     }
 
+    /// When `bytes` can be there at the earliest; earlier than that a frame may end, or begin, which says more.
+    pub(crate) fn ready_nanos(&self, bytes: usize, clock: &DeviceClock) -> Option<i64> {
+        let running = self.running.as_ref()?;
+        let missing = bytes.saturating_sub(self.fifo.len());
+        let device_nanos = match &running.frame {
+            _ if missing == 0 => return Some(i64::MIN),
+            None => grid_nanos(running.next_index, running.exposure),
+            Some(frame) => {
+                let before = frame.next_packet.checked_sub(1);
+                let sent = before.map_or(0, |before| frame.packet_ends[before]);
+                let enough = frame
+                    .packet_ends
+                    .partition_point(|&end| end < sent + missing);
+                frame.packet_nanos(enough.min(frame.packet_ends.len() - 1))
+            }
+        };
+        Some(clock.host_nanos(device_nanos))
+    }
+
     fn begin_frame(&mut self, workshop: &mut Workshop<'_>) {
         let Some(running) = &mut self.running else {
             return;
