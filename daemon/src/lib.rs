@@ -33,6 +33,7 @@ pub mod capture;
 pub mod cli;
 pub mod clock;
 pub mod disk;
+pub mod doctor;
 pub mod drops;
 pub mod frame;
 pub mod fuse;
