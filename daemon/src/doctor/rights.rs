@@ -8,7 +8,7 @@ const REALTIME_PRIORITY: u64 = 30;
 const LOCKED_BYTES: u64 = 256 << 20;
 
 /// Limits of this process.
-pub(super) fn examine(roots: &Roots) -> Vec<Finding> {
+pub fn examine(roots: &Roots) -> Vec<Finding> {
     let limits = read(&roots.proc.join("self/limits")).unwrap_or_default();
     let soft = |name: &str| -> Option<u64> {
         let line = limits.lines().find_map(|line| line.strip_prefix(name))?;

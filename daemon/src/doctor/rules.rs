@@ -11,7 +11,7 @@ const OWN_RULES: &str = "glint";
 const INSTALL: &str = "sudo udev/install.sh && sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=usb";
 
 /// Whether glint's rules are there, and come before others that would decide.
-pub(super) fn examine(roots: &Roots) -> Vec<Finding> {
+pub fn examine(roots: &Roots) -> Vec<Finding> {
     let files = files_of(roots);
     let named = |word: &str| {
         files

@@ -51,7 +51,7 @@ pub fn cameras(roots: &Roots) -> Vec<CameraFolder> {
 }
 
 /// All that concerns USB.
-pub(super) fn examine(roots: &Roots, who: &Identity, cameras: &[CameraFolder]) -> Vec<Finding> {
+pub fn examine(roots: &Roots, who: &Identity, cameras: &[CameraFolder]) -> Vec<Finding> {
     if cameras.is_empty() {
         let ids: Vec<String> = PRODUCT_IDS
             .iter()
