@@ -360,7 +360,9 @@ fn most_color_bytes(recording: &Recording) -> Result<usize, SequenceError> {
     match color.encoding.lossless() {
         Some(format) => Ok(format.frame_bytes(width, height)?),
         None => {
-            let places = recording.contents().stream(recording.description().color_id);
+            let places = recording
+                .contents()
+                .stream(recording.description().color_id);
             let sizes = places.iter().map(|place| place.payload_bytes as usize);
             Ok(sizes.max().unwrap_or_default())
         }

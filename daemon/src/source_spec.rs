@@ -76,7 +76,8 @@ impl WhichCamera {
             Self::Serial(serial) => serial.as_str().into(),
             Self::Path(path) => path.file_name().unwrap_or_default().to_string_lossy(),
         };
-        let is_plain = |character: char| character.is_ascii_alphanumeric() || "-.".contains(character);
+        let is_plain =
+            |character: char| character.is_ascii_alphanumeric() || "-.".contains(character);
         let plain: String = place
             .chars()
             .map(|character| if is_plain(character) { character } else { '_' })

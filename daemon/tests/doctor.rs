@@ -83,7 +83,11 @@ impl Machine {
     }
 
     fn bind(&self, interface: &str, driver: &str) {
-        let folder = self.folder.path().join("sys/bus/usb/devices").join(interface);
+        let folder = self
+            .folder
+            .path()
+            .join("sys/bus/usb/devices")
+            .join(interface);
         fs::create_dir_all(&folder).unwrap();
         symlink(
             format!("../../../../bus/usb/drivers/{driver}"),
@@ -118,7 +122,11 @@ impl Machine {
 /// The only complaint is `check`, of this severity, and its mending command has these words.
 fn assert_complaint(machine: &Machine, check: &str, severity: Severity, mend: &str) {
     let found = machine.complaint();
-    assert_eq!((found.check, found.severity), (check, severity), "{found:?}");
+    assert_eq!(
+        (found.check, found.severity),
+        (check, severity),
+        "{found:?}"
+    );
     let command = found.mend.unwrap_or_default();
     assert!(command.contains(mend), "{command}");
 }
@@ -152,7 +160,12 @@ fn a_node_without_rights_is_found() {
 fn a_claimed_interface_is_found() {
     let machine = Machine::whole();
     machine.bind("1-2:1.0", "usbfs");
-    assert_complaint(&machine, "interface", Severity::Bad, "fuser -v /dev/bus/usb/001/005");
+    assert_complaint(
+        &machine,
+        "interface",
+        Severity::Bad,
+        "fuser -v /dev/bus/usb/001/005",
+    );
     let machine = Machine::whole();
     machine.bind("1-2:1.0", "gspca_kinect");
     assert_complaint(
@@ -203,7 +216,12 @@ fn two_cameras_on_one_bus_are_found() {
     machine.write("sys/bus/usb/devices/1-3/devnum", "6\n");
     machine.write("dev/bus/usb/001/006", "");
     machine.mode("dev/bus/usb/001/006", 0o660);
-    assert_complaint(&machine, "bandwidth", Severity::Warning, "another controller");
+    assert_complaint(
+        &machine,
+        "bandwidth",
+        Severity::Warning,
+        "another controller",
+    );
 }
 
 #[test]

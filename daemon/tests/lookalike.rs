@@ -180,15 +180,26 @@ fn list_shows_every_camera_and_why_one_does_not_answer() {
         .collect();
     assert_eq!(events.len(), 4, "{text}");
     assert_eq!(events[0]["serial"], "1206090000");
-    assert!(events[0]["firmware"].as_str().unwrap().starts_with("5.8.22"));
-    assert_eq!((&events[0]["bus"], &events[0]["speed"]), (&1.into(), &"high".into()));
+    assert!(
+        events[0]["firmware"]
+            .as_str()
+            .unwrap()
+            .starts_with("5.8.22")
+    );
+    assert_eq!(
+        (&events[0]["bus"], &events[0]["speed"]),
+        (&1.into(), &"high".into())
+    );
     let problem = |index: usize| events[index]["problem"].as_str().unwrap_or_default();
     assert!(problem(1).contains("another program"), "{text}");
     assert!(problem(2).contains("udev rule"), "{text}");
     assert_eq!(events[3]["cameras"], 3);
     let which = bench.glintd(&["record", "ps1080", "-o", "/absent/x.glint"]);
     let words = String::from_utf8_lossy(&which.stderr).into_owned();
-    assert!(which.status.code() == Some(2) && words.contains("name one"), "{words}");
+    assert!(
+        which.status.code() == Some(2) && words.contains("name one"),
+        "{words}"
+    );
 }
 
 #[test]

@@ -8,9 +8,9 @@ use crossbeam::channel::bounded;
 use crossbeam::sync::{Parker, Unparker};
 use ringbuf::traits::Split as _;
 use ringbuf::{HeapCons, HeapProd, HeapRb};
-use sequence::{Description, Histogram};
 use sequence::chunk_writer::DiskLimits;
 use sequence::file_layer;
+use sequence::{Description, Histogram};
 
 use super::CaptureOptions;
 use super::sizes::{POOL_FRAMES, Sizes};

@@ -42,7 +42,11 @@ pub fn examine(folder: &Path, clock: fn() -> i64, make: Option<MakeLayer<'_>>) -
         longest_nanos,
     } = match measured {
         Ok(measured) => measured,
-        Err(error) if error.downcast_ref().is_some_and(SequenceError::is_disk_full) => {
+        Err(error)
+            if error
+                .downcast_ref()
+                .is_some_and(SequenceError::is_disk_full) =>
+        {
             return Finding::new(
                 "disk",
                 Severity::Bad,

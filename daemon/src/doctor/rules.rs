@@ -53,7 +53,10 @@ fn files_of(roots: &Roots) -> Vec<PathBuf> {
         .flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten());
     let mut files: Vec<PathBuf> = entries
         .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| path.extension().is_some_and(|extension| extension == "rules"))
+        .filter(|path| {
+            path.extension()
+                .is_some_and(|extension| extension == "rules")
+        })
         .collect();
     files.sort();
     files

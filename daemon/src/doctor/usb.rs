@@ -36,8 +36,7 @@ pub fn cameras(roots: &Roots) -> Vec<CameraFolder> {
             let path = entry.ok()?.path();
             let id = |name: &str| u16::from_str_radix(&read(&path.join(name))?, 16).ok();
             let number = |name: &str| read(&path.join(name))?.parse().ok();
-            let is_camera =
-                id("idVendor")? == VENDOR_ID && PRODUCT_IDS.contains(&id("idProduct")?);
+            let is_camera = id("idVendor")? == VENDOR_ID && PRODUCT_IDS.contains(&id("idProduct")?);
             is_camera.then_some(())?;
             Some(CameraFolder {
                 name: path.file_name()?.to_string_lossy().into_owned(),
@@ -69,7 +68,10 @@ pub fn examine(roots: &Roots, who: &Identity, cameras: &[CameraFolder]) -> Vec<F
     }
     let mut findings = Vec::new();
     for camera in cameras {
-        findings.push(Finding::fine("camera", format!("{} is plugged in", camera.name)));
+        findings.push(Finding::fine(
+            "camera",
+            format!("{} is plugged in", camera.name),
+        ));
         findings.push(node(roots, who, camera));
         findings.push(claim(camera));
         findings.extend(audio(camera));
@@ -150,7 +152,9 @@ fn audio(camera: &CameraFolder) -> Option<Finding> {
     Some(Finding::new(
         "audio",
         Severity::Warning,
-        format!("{driver} has claimed the microphones ({name}); some cameras no longer answer once it fails"),
+        format!(
+            "{driver} has claimed the microphones ({name}); some cameras no longer answer once it fails"
+        ),
         format!(
             "sudo udev/install.sh, whose rule keeps it away; now: echo {name} | sudo tee /sys/bus/usb/drivers/{driver}/unbind"
         ),
@@ -171,9 +175,10 @@ fn speed(camera: &CameraFolder) -> Finding {
     let text = read(&camera.path.join("speed")).unwrap_or_default();
     let version = read(&camera.path.join("version")).unwrap_or_default();
     match text.parse::<f64>() {
-        Ok(speed) if speed >= NEEDED_MBPS => {
-            Finding::fine("speed", format!("{}: {speed} Mbit/s, USB {version}", camera.name))
-        }
+        Ok(speed) if speed >= NEEDED_MBPS => Finding::fine(
+            "speed",
+            format!("{}: {speed} Mbit/s, USB {version}", camera.name),
+        ),
         Ok(speed) => Finding::new(
             "speed",
             Severity::Bad,
@@ -203,7 +208,10 @@ fn autosuspend(camera: &CameraFolder) -> Finding {
                 "{}: power/control is `{other}`: the camera may be put to sleep before it is opened",
                 camera.name
             ),
-            format!("echo on | sudo tee /sys/bus/usb/devices/{}/power/control", camera.name),
+            format!(
+                "echo on | sudo tee /sys/bus/usb/devices/{}/power/control",
+                camera.name
+            ),
         ),
         None => Finding::new(
             "autosuspend",
@@ -225,7 +233,10 @@ fn shared_bus(cameras: &[CameraFolder]) -> Option<Finding> {
     Some(Finding::new(
         "bandwidth",
         Severity::Warning,
-        format!("{} share bus {bus}: each needs most of one", names.join(" and ")),
+        format!(
+            "{} share bus {bus}: each needs most of one",
+            names.join(" and ")
+        ),
         "plug one into a port of another controller; lsusb -t shows which is which",
     ))
 }
@@ -245,7 +256,11 @@ fn memory(roots: &Roots, camera_count: usize) -> Finding {
         ),
         Some(granted_mb) => Finding::new(
             "usbfs-memory",
-            if granted_mb < needed_mb { Severity::Bad } else { Severity::Warning },
+            if granted_mb < needed_mb {
+                Severity::Bad
+            } else {
+                Severity::Warning
+            },
             format!("{granted_mb} MB are granted to all USB programs, {needed_mb} MB needed"),
             "echo 64 | sudo tee /sys/module/usbcore/parameters/usbfs_memory_mb; for good: usbcore.usbfs_memory_mb=64 on the kernel's command line",
         ),

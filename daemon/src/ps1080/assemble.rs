@@ -214,7 +214,12 @@ impl<S: Samples> Assembler<S> {
                 FrameEvent::Started(padding) => self.start(padding, arrival.at_nanos, around),
                 FrameEvent::Data(payload) => self.push(payload),
                 FrameEvent::Ended(ticks) => {
-                    let stamped = self.clock.stamp(ticks, arrival.at_nanos, around.origin);
+                    let stamped = self.clock.stamp(
+                        ticks,
+                        arrival.at_nanos,
+                        self.cause.is_some(),
+                        around.origin,
+                    );
                     let number = self.number(stamped.step_count, &mut around.ends.drops);
                     let times = FrameTimes {
                         number,
@@ -235,7 +240,8 @@ impl<S: Samples> Assembler<S> {
                             number,
                         });
                     }
-                    self.cause.get_or_insert(cause_of(loss.cause, self.is_bus_damaged));
+                    self.cause
+                        .get_or_insert(cause_of(loss.cause, self.is_bus_damaged));
                 }
                 FrameEvent::Fault(kind) => remark = Some(Remark::Fault(kind)),
             }
@@ -321,11 +327,7 @@ impl<S: Samples> Assembler<S> {
             Some(damage) => Err(damage),
         };
         if let Err(damage) = finished {
-            tracing::debug!(
-                "frame {} of stream {}: {damage}",
-                times.number,
-                S::STREAM
-            );
+            tracing::debug!("frame {} of stream {}: {damage}", times.number, S::STREAM);
             self.spare = Some(frame);
             return around.ends.drops.add(drop(GapCause::Corrupt));
         }

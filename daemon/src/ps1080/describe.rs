@@ -12,8 +12,8 @@ use sequence::{
     StreamTiming, Streams, TickClock, VignettingCurve, YuvMeaning,
 };
 
-use crate::ps1080::open::Unit;
 use crate::ps1080::modes::Wanted;
+use crate::ps1080::open::Unit;
 
 /// Width of the picture that the focal length is given for, pixels.
 const VGA_WIDTH: f64 = 640.0;

@@ -67,7 +67,9 @@ pub enum CameraError {
     #[error("the camera's version cannot be read")]
     Version,
     /// A firmware that speaks another language.
-    #[error("firmware {0} is not known: glintd speaks 5.1 to 5.8; update the camera with its maker's tool")]
+    #[error(
+        "firmware {0} is not known: glintd speaks 5.1 to 5.8; update the camera with its maker's tool"
+    )]
     Firmware(Firmware),
     /// Damaged flash.
     #[error("the camera is in safe mode: its flash is damaged, and glintd does not repair it")]

@@ -85,8 +85,13 @@ pub(super) enum Step {
 
 #[derive(Clone, Copy, Debug)]
 enum Phase {
-    Send { tries: u32 },
-    Receive { until_nanos: i64, garbage_until_nanos: i64 },
+    Send {
+        tries: u32,
+    },
+    Receive {
+        until_nanos: i64,
+        garbage_until_nanos: i64,
+    },
 }
 
 /// A request under way.
@@ -208,5 +213,173 @@ impl Exchange {
             });
         }
         Ok(self.again(usb, wait_nanos))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+
+    use ps1080::usb::TransferKind;
+
+    use super::*;
+    use crate::ps1080::usb::{Arrival, QueueShape};
+
+    /// Answers as it is told, and keeps what is sent.
+    #[derive(Default)]
+    struct Script {
+        now_nanos: i64,
+        sent: Vec<Vec<u8>>,
+        outs: VecDeque<UsbError>,
+        replies: VecDeque<Result<Vec<u8>, UsbError>>,
+    }
+
+    impl UsbTransport for Script {
+        fn now_nanos(&self) -> i64 {
+            self.now_nanos
+        }
+
+        fn pause(&mut self, nanos: i64) {
+            self.now_nanos += nanos;
+        }
+
+        fn control_out(&mut self, packet: &[u8], _: i64) -> Result<(), UsbError> {
+            self.sent.push(packet.to_vec());
+            self.outs.pop_front().map_or(Ok(()), Err)
+        }
+
+        fn control_in(&mut self, packet: &mut [u8], _: i64) -> Result<usize, UsbError> {
+            let reply = self.replies.pop_front().unwrap_or(Ok(Vec::new()))?;
+            packet[..reply.len()].copy_from_slice(&reply);
+            Ok(reply.len())
+        }
+
+        fn set_alternate(&mut self, _: u8) -> Result<(), UsbError> {
+            Ok(())
+        }
+
+        fn endpoint_kind(&self, _: u8, _: u8) -> Option<TransferKind> {
+            None
+        }
+
+        fn start(&mut self, _: u8, _: QueueShape) -> Result<(), UsbError> {
+            Ok(())
+        }
+
+        fn stop(&mut self, _: u8) {}
+
+        fn reap(&mut self, _: i64, _: &mut dyn FnMut(Arrival<'_>)) -> Result<(), UsbError> {
+            Ok(())
+        }
+    }
+
+    /// GET_PARAM(19) with id 32, and its reply 0: protocol section 2, measured.
+    const REQUEST: [u8; 10] = [0x47, 0x4D, 1, 0, 2, 0, 0x20, 0, 0x13, 0];
+    const REPLY: [u8; 12] = [0x52, 0x42, 2, 0, 2, 0, 0x20, 0, 0, 0, 0, 0];
+
+    /// What came of it, and how long it took, milliseconds.
+    fn run(script: &mut Script) -> (Result<Vec<u8>, CameraError>, i64) {
+        let patience = Patience {
+            receive_nanos: MILLI_NANOS,
+            before_send_nanos: 0,
+            after_send_nanos: 0,
+            ..Patience::FIRST
+        };
+        let mut exchange = Exchange::new(Request::GetParam { id: 19 }, 32, patience, 0);
+        loop {
+            match exchange.step(script) {
+                Ok(Step::Again(at_nanos)) => script.now_nanos = script.now_nanos.max(at_nanos),
+                Ok(Step::Done(answer)) => {
+                    return (Ok(answer.data().to_vec()), script.now_nanos / MILLI_NANOS);
+                }
+                Err(error) => return (Err(error), script.now_nanos / MILLI_NANOS),
+            }
+        }
+    }
+
+    fn refused(code: u8) -> Vec<u8> {
+        vec![0x52, 0x42, 1, 0, 2, 0, 0x20, 0, code, 0]
+    }
+
+    #[test]
+    fn the_measured_bytes_are_sent_and_understood() {
+        let mut script = Script {
+            replies: [Ok(REPLY.to_vec())].into(),
+            ..Script::default()
+        };
+        assert_eq!(run(&mut script), (Ok(vec![0, 0]), 0));
+        assert_eq!(script.sent, [REQUEST]);
+    }
+
+    #[test]
+    fn it_waits_for_what_is_not_ready_and_skips_what_is_not_meant() {
+        let mut stale = REPLY;
+        stale[6] = 0x1F;
+        let mut late = vec![7; 5];
+        late.extend(REPLY);
+        let mut script = Script {
+            replies: [
+                Ok(Vec::new()),
+                Err(UsbError::Timeout),
+                Ok(vec![1, 2, 3]),
+                Ok(stale.to_vec()),
+                Ok(late),
+            ]
+            .into(),
+            ..Script::default()
+        };
+        // A millisecond for each that is not ready, ten for garbage.
+        assert_eq!(run(&mut script), (Ok(vec![0, 0]), 12));
+        assert_eq!(script.sent.len(), 1);
+    }
+
+    #[test]
+    fn it_sends_again_after_timeouts_and_when_the_camera_is_not_ready() {
+        let mut script = Script {
+            outs: [UsbError::Timeout; 4].into(),
+            replies: [Ok(refused(13)), Ok(refused(13)), Ok(REPLY.to_vec())].into(),
+            ..Script::default()
+        };
+        assert_eq!(run(&mut script), (Ok(vec![0, 0]), 2400));
+        assert_eq!(script.sent.len(), 7);
+    }
+
+    #[test]
+    fn it_gives_up_in_time() {
+        let mut dead = Script {
+            outs: [UsbError::Timeout; 5].into(),
+            ..Script::default()
+        };
+        let (result, millis) = run(&mut dead);
+        assert!(matches!(
+            result,
+            Err(CameraError::Usb {
+                error: UsbError::Timeout,
+                ..
+            })
+        ));
+        assert_eq!((millis, dead.sent.len()), (400, 5));
+        let (result, millis) = run(&mut Script::default());
+        assert!(
+            matches!(result, Err(CameraError::Silent { .. })),
+            "{result:?}"
+        );
+        assert!((5000..5010).contains(&millis), "{millis}");
+        let mut never_ready = Script {
+            replies: [Ok(refused(13)), Ok(refused(13)), Ok(refused(13))].into(),
+            ..Script::default()
+        };
+        let (result, _) = run(&mut never_ready);
+        let refusal = CameraError::Refused {
+            request: Opcode::GetParam,
+            nack: Nack::NotReady,
+        };
+        assert_eq!(result, Err(refusal));
+        let mut stalled = Script {
+            outs: [UsbError::Stall].into(),
+            ..Script::default()
+        };
+        assert!(run(&mut stalled).0.is_err());
+        assert_eq!(stalled.sent.len(), 1);
     }
 }

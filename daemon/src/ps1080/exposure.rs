@@ -193,7 +193,8 @@ impl ExposureControl {
                 self.mode_register = (high & 0xFF) << 8 | (low & 0xFF);
             }
             (Act::Read(_) | Act::Check(_) | Act::ReadMode, _) => {
-                self.problems.push(format!("{act:?}: an answer without a value"));
+                self.problems
+                    .push(format!("{act:?}: an answer without a value"));
             }
             _ => {}
         }

@@ -8,6 +8,8 @@ const TICK_BITS: u32 = 32;
 /// How far a stamp may be ahead of the host before it is not believed: no packet comes before it was sent, but the first
 /// ones may have been late.
 const AHEAD_NANOS: i64 = 100_000_000;
+/// The same where packets are known to be missing, so that a step over several frames is what is to be expected.
+const LOSSY_AHEAD_NANOS: i64 = 1_000_000_000;
 /// The two clocks may drift apart by this share: 2000 millionths, ten times what quartzes do.
 const DRIFT_DIVISOR: i64 = 500;
 /// Stamps in a row that contradict the host are believed from this one on: the camera has begun to count anew.
@@ -53,12 +55,14 @@ impl FrameClock {
     }
 
     /// The time of a frame whose last byte came at `host_nanos`. Times rise strictly from frame to frame. A stamp before
-    /// the last one, or ahead of the host, is damaged: it does not move the camera's time, and its frame gets the time
-    /// at which a frame is due by the host.
+    /// the last one, or ahead of the host by more than `is_lossy` explains, is damaged: it does not move the camera's
+    /// time, and its frame gets the time at which a frame is due by the host. The stamp of the very next frame is always
+    /// believed, however early it comes: those before may have been late.
     pub(super) fn stamp(
         &mut self,
         ticks: DeviceTicks,
         host_nanos: i64,
+        is_lossy: bool,
         origin: &mut Origin,
     ) -> Stamped {
         let (first_ticks, first_host_nanos) = *origin.0.get_or_insert((ticks, host_nanos));
@@ -79,9 +83,17 @@ impl FrameClock {
                 step_count: 0,
             };
         };
-        let is_believed = !unwrapped.from_host
-            && unwrapped.nanos > last_nanos
-            && offset_nanos >= self.least_offset_nanos.saturating_sub(AHEAD_NANOS);
+        let allowed_nanos = if is_lossy {
+            LOSSY_AHEAD_NANOS
+        } else {
+            AHEAD_NANOS
+        };
+        let passed_nanos = unwrapped.nanos.saturating_sub(last_nanos);
+        let is_next =
+            passed_nanos.abs_diff(self.period_nanos) <= self.period_nanos.unsigned_abs() / 4;
+        let is_ahead = offset_nanos < self.least_offset_nanos.saturating_sub(allowed_nanos);
+        let is_believed =
+            !unwrapped.from_host && unwrapped.nanos > last_nanos && (is_next || !is_ahead);
         let nanos = if is_believed || self.disbelieved_count + 1 >= BELIEVED_AT {
             if !is_believed {
                 self.least_offset_nanos = offset_nanos;
@@ -137,6 +149,7 @@ mod tests {
             let stamped = clock.stamp(
                 start.after(PERIOD_TICKS * frame),
                 host(frame) + 1_000_000 * (frame as i64 % 7),
+                false,
                 &mut origin,
             );
             steps.push(stamped.step_count);
@@ -150,8 +163,8 @@ mod tests {
         let mut origin = Origin::default();
         let (mut depth, mut color) = (clock(), clock());
         let start = DeviceTicks(u32::MAX - 100);
-        assert_eq!(depth.stamp(start, 5, &mut origin).nanos, 0);
-        let later = color.stamp(start.after(600_000), 5 + 10_000_000, &mut origin);
+        assert_eq!(depth.stamp(start, 5, false, &mut origin).nanos, 0);
+        let later = color.stamp(start.after(600_000), 5 + 10_000_000, false, &mut origin);
         assert_eq!((later.nanos, later.step_count), (10_000_000, 0));
     }
 
@@ -163,11 +176,32 @@ mod tests {
             let stamped = clock.stamp(
                 DeviceTicks(5).after(PERIOD_TICKS * frame),
                 host(frame.max(late)),
+                false,
                 &mut origin,
             );
             assert_eq!(stamped.nanos, frame as i64 * 100_000_000 / 3);
             assert_eq!(stamped.step_count, u64::from(frame > 0));
         }
+    }
+
+    #[test]
+    fn a_start_that_is_late_and_lossy_is_believed() {
+        let (mut clock, mut origin) = (clock(), Origin::default());
+        let mut numbers = Vec::new();
+        for (frame, late_nanos, is_lossy) in [
+            (0, 400_000_000, false),
+            (1, 390_000_000, false),
+            (6, 90_000_000, true),
+            (7, 60_000_000, false),
+            (8, 1_000_000, false),
+        ] {
+            let ticks = DeviceTicks(5).after(PERIOD_TICKS * frame);
+            let at_nanos = host(frame) + late_nanos;
+            let stamped = clock.stamp(ticks, at_nanos, is_lossy, &mut origin);
+            assert_eq!(stamped.nanos, frame as i64 * 100_000_000 / 3);
+            numbers.push(stamped.step_count);
+        }
+        assert_eq!(numbers, [0, 1, 5, 1, 1]);
     }
 
     #[test]
@@ -181,7 +215,7 @@ mod tests {
                 } else {
                     ticks.0
                 });
-                let stamped = clock.stamp(damaged, host(frame), &mut origin);
+                let stamped = clock.stamp(damaged, host(frame), false, &mut origin);
                 let expected = frame as i64 * 100_000_000 / 3;
                 assert!(
                     stamped.nanos.abs_diff(expected) <= 2,

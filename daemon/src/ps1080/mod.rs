@@ -44,5 +44,7 @@ pub fn open_camera(spec: &CameraSpec) -> anyhow::Result<Camera> {
 /// Always.
 #[cfg(not(feature = "usb"))]
 pub fn open_camera(_: &CameraSpec) -> anyhow::Result<Camera> {
-    anyhow::bail!("this glintd was built without the feature `usb`; build it with, or replay a recording")
+    anyhow::bail!(
+        "this glintd was built without the feature `usb`; build it with, or replay a recording"
+    )
 }

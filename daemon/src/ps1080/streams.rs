@@ -50,7 +50,10 @@ impl Session {
     ///
     /// # Errors
     /// When neither is.
-    pub(super) fn choose_setting(&mut self, firmware: Firmware) -> Result<TransferKind, CameraError> {
+    pub(super) fn choose_setting(
+        &mut self,
+        firmware: Firmware,
+    ) -> Result<TransferKind, CameraError> {
         let endpoint = Endpoints::of(firmware).depth;
         let mut last = None;
         for kind in [TransferKind::Bulk, TransferKind::Isochronous] {
@@ -123,8 +126,16 @@ impl Session {
         let delays = self.delays();
         let is_auto = u16::from(!matches!(wanted.exposure, ExposurePlan::Manual { .. }));
         let switches = [
-            (Parameter::Stream1Mode, StreamMode::Depth as u16, delays.depth_mode_millis),
-            (Parameter::Stream0Mode, StreamMode::Color as u16, delays.stream_mode_millis),
+            (
+                Parameter::Stream1Mode,
+                StreamMode::Depth as u16,
+                delays.depth_mode_millis,
+            ),
+            (
+                Parameter::Stream0Mode,
+                StreamMode::Color as u16,
+                delays.stream_mode_millis,
+            ),
             (Parameter::FrameSync, 1, 0),
             (Parameter::CloseRange, u16::from(wanted.is_close), 0),
             (Parameter::DepthCropMode, 0, 0),

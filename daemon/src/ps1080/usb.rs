@@ -114,9 +114,6 @@ pub trait UsbTransport: Send {
     ///
     /// # Errors
     /// [`UsbError::Gone`], and what makes an endpoint unusable.
-    fn reap(
-        &mut self,
-        until_nanos: i64,
-        take: &mut dyn FnMut(Arrival<'_>),
-    ) -> Result<(), UsbError>;
+    fn reap(&mut self, until_nanos: i64, take: &mut dyn FnMut(Arrival<'_>))
+    -> Result<(), UsbError>;
 }

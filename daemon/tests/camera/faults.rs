@@ -49,23 +49,59 @@ fn the_conversation_survives_what_it_must() {
     };
     let length = Some(60_000_000_000);
     let cases = [
-        Faults { unanswered_requests: 1, ..Faults::default() },
-        Faults { dead_requests: 1, ..Faults::default() },
-        Faults { dead_requests: 3, ..Faults::default() },
-        Faults { stale_replies: 9, ..Faults::default() },
-        Faults { empty_replies: 2, ..Faults::default() },
-        Faults { split_replies: 9, ..Faults::default() },
-        Faults { garbage_bytes: 5, ..Faults::default() },
-        Faults { refusals: vec![refusal(5, 13, 2)], ..Faults::default() },
-        Faults { refusals: vec![refusal(3, 13, 2)], ..Faults::default() },
-        Faults { refusals: vec![refusal(3, 14, 4)], ..Faults::default() },
-        Faults { refusals: vec![refusal(40, 2, 1)], ..Faults::default() },
+        Faults {
+            unanswered_requests: 1,
+            ..Faults::default()
+        },
+        Faults {
+            dead_requests: 1,
+            ..Faults::default()
+        },
+        Faults {
+            dead_requests: 3,
+            ..Faults::default()
+        },
+        Faults {
+            stale_replies: 9,
+            ..Faults::default()
+        },
+        Faults {
+            empty_replies: 2,
+            ..Faults::default()
+        },
+        Faults {
+            split_replies: 9,
+            ..Faults::default()
+        },
+        Faults {
+            garbage_bytes: 5,
+            ..Faults::default()
+        },
+        Faults {
+            refusals: vec![refusal(5, 13, 2)],
+            ..Faults::default()
+        },
+        Faults {
+            refusals: vec![refusal(3, 13, 2)],
+            ..Faults::default()
+        },
+        Faults {
+            refusals: vec![refusal(3, 14, 4)],
+            ..Faults::default()
+        },
+        Faults {
+            refusals: vec![refusal(40, 2, 1)],
+            ..Faults::default()
+        },
     ];
     for faults in cases {
         let name = format!("{faults:?}");
         let bus = bus(
             Personality::carmine_1_09(),
-            Faults { unplug_after_nanos: length, ..faults },
+            Faults {
+                unplug_after_nanos: length,
+                ..faults
+            },
         );
         let opened = open(&bus, small());
         assert!(opened.is_ok(), "{:?} with {name}", opened.err());
@@ -75,7 +111,11 @@ fn the_conversation_survives_what_it_must() {
 #[test]
 fn a_camera_that_cannot_be_used_is_refused_with_a_reason() {
     let refuse = |opcode, error, count| Faults {
-        refusals: vec![Refusal { opcode: Some(opcode), error, count }],
+        refusals: vec![Refusal {
+            opcode: Some(opcode),
+            error,
+            count,
+        }],
         ..Faults::default()
     };
     let mut safe = Personality::carmine_1_09();
@@ -86,15 +126,25 @@ fn a_camera_that_cannot_be_used_is_refused_with_a_reason() {
         (safe, Faults::default(), "safe mode"),
         (old, Faults::default(), "5.0.17"),
         (Personality::carmine_1_09(), refuse(5, 13, 3), "not ready"),
-        (Personality::carmine_1_09(), refuse(4, 6, 1), "sensor does not answer"),
         (
             Personality::carmine_1_09(),
-            Faults { dead_requests: 10_000, ..Faults::default() },
+            refuse(4, 6, 1),
+            "sensor does not answer",
+        ),
+        (
+            Personality::carmine_1_09(),
+            Faults {
+                dead_requests: 10_000,
+                ..Faults::default()
+            },
             "no answer in time",
         ),
         (
             Personality::carmine_1_09(),
-            Faults { unplug_after_nanos: Some(3_000_000), ..Faults::default() },
+            Faults {
+                unplug_after_nanos: Some(3_000_000),
+                ..Faults::default()
+            },
             "unplugged",
         ),
     ];
@@ -150,7 +200,10 @@ fn damaged_headers_cost_frames_and_never_pixels() {
     let missing: u64 = gaps.iter().map(|(_, count)| count).sum();
     assert!(flipped > 5 && missing > 0, "{flipped} {gaps:?}");
     let known = [GapCause::PacketLoss, GapCause::Corrupt, GapCause::Source];
-    assert!(gaps.iter().all(|(cause, _)| known.contains(cause)), "{gaps:?}");
+    assert!(
+        gaps.iter().all(|(cause, _)| known.contains(cause)),
+        "{gaps:?}"
+    );
 }
 
 #[test]

@@ -20,15 +20,24 @@ fn pulled_at_any_byte_the_file_is_sealed() {
         };
         let filmed = film(Personality::carmine_1_09(), faults, small());
         assert_eq!(filmed.outcome.reason, "unplugged", "at {bytes}");
-        assert!(filmed.verified.findings.is_empty(), "at {bytes}: {:?}", filmed.verified);
-        assert!(filmed.outcome.is_whole(), "at {bytes}: {:?}", filmed.outcome.missing);
+        assert!(
+            filmed.verified.findings.is_empty(),
+            "at {bytes}: {:?}",
+            filmed.verified
+        );
+        assert!(
+            filmed.outcome.is_whole(),
+            "at {bytes}: {:?}",
+            filmed.outcome.missing
+        );
         let (depth, color) = filmed.assert_pixels();
         let delivered = [&filmed.counters.depth, &filmed.counters.image]
             .map(|stream| stream.frames_delivered as usize);
         assert_eq!([depth, color], delivered, "at {bytes}");
         let gaps = &filmed.recording.contents().gaps;
         assert!(
-            gaps.iter().all(|gap| gap.cause == Some(GapCause::Unplug) && gap.count == 1),
+            gaps.iter()
+                .all(|gap| gap.cause == Some(GapCause::Unplug) && gap.count == 1),
             "at {bytes}: {gaps:?}"
         );
     }

@@ -23,7 +23,8 @@ fn unplugged_after(nanos: i64) -> Faults {
 fn assert_whole(filmed: &Filmed, least: usize) {
     let (depth, color) = filmed.assert_pixels();
     assert!(depth >= least && color >= least, "{depth} {color}");
-    let lost = [&filmed.counters.depth, &filmed.counters.image].map(|stream| stream.fifo_lost_bytes);
+    let lost =
+        [&filmed.counters.depth, &filmed.counters.image].map(|stream| stream.fifo_lost_bytes);
     assert_eq!(lost, [0, 0]);
     assert!(filmed.outcome.is_whole(), "{:?}", filmed.outcome.missing);
     assert_eq!(filmed.outcome.reason, "unplugged");
@@ -104,7 +105,10 @@ fn the_file_says_what_the_camera_is() {
     assert_eq!(streams.depth.samples, DepthSamples::Codes);
     let table = streams.depth.shift_table_mm().unwrap().unwrap();
     // Protocol section 8.2, of a real camera.
-    assert_eq!((table[1], table[100], table[800], table[1052]), (315, 346, 1193, 9870));
+    assert_eq!(
+        (table[1], table[100], table[800], table[1052]),
+        (315, 346, 1193, 9870)
+    );
     let focal = streams.depth.intrinsics.focal();
     assert!((focal.x - 570.34 / 2.0).abs() < 0.01, "{focal}");
     assert_eq!(streams.depth_timing.clock.unwrap().tick_hz, 60_000_000);
@@ -133,7 +137,10 @@ fn frames_are_synchronised_and_the_file_proves_it() {
         .map(|(count, _)| count)
         .sum();
     let all: u64 = skews.counts.iter().sum();
-    assert!(all >= 70 && all - below <= 1, "{below} of {all} within 3 ms");
+    assert!(
+        all >= 70 && all - below <= 1,
+        "{below} of {all} within 3 ms"
+    );
 }
 
 #[test]
@@ -152,10 +159,8 @@ fn exposure_is_locked_after_the_stream_runs_and_written_down() {
             let folder = tempfile::tempdir().unwrap();
             let output = folder.path().join("x.glint");
             let mut camera = open(&bus, wanted).unwrap();
-            let mut options = glintd::capture::CaptureOptions::new(
-                "ps1080".parse().unwrap(),
-                output.clone(),
-            );
+            let mut options =
+                glintd::capture::CaptureOptions::new("ps1080".parse().unwrap(), output.clone());
             options.reserve_bytes = Some(0);
             let stop = glintd::status::StopFlag::default();
             glintd::capture::capture_from(&mut camera, options, &stop, &mut |_| {}).unwrap();
@@ -172,7 +177,10 @@ fn exposure_is_locked_after_the_stream_runs_and_written_down() {
         assert_eq!(value(Parameter::AutoExposure), 0);
         assert_eq!(value(Parameter::AutoWhiteBalance), 0);
         assert_eq!(value(Parameter::LowLightCompensation), 0);
-        assert_eq!(settings.details["exposure_bar"], value(Parameter::ExposureBar));
+        assert_eq!(
+            settings.details["exposure_bar"],
+            value(Parameter::ExposureBar)
+        );
         assert_eq!(settings.details["gain"], value(Parameter::ImageGain));
         if plan == manual {
             assert_eq!(value(Parameter::ExposureBar), 77);

@@ -51,11 +51,14 @@ pub struct Plugged {
 /// # Errors
 /// When libusb cannot begin.
 pub fn find() -> anyhow::Result<Vec<Plugged>> {
-    let context = Context::new().context(
-        "libusb cannot begin (a sandbox must allow the address family AF_NETLINK)",
-    )?;
+    let context = Context::new()
+        .context("libusb cannot begin (a sandbox must allow the address family AF_NETLINK)")?;
     let mut cameras = Vec::new();
-    for device in context.devices().context("the USB devices cannot be listed")?.iter() {
+    for device in context
+        .devices()
+        .context("the USB devices cannot be listed")?
+        .iter()
+    {
         let Ok(descriptor) = device.device_descriptor() else {
             continue;
         };
@@ -154,7 +157,11 @@ fn choose(cameras: Vec<Plugged>, which: &WhichCamera) -> anyhow::Result<Plugged>
         WhichCamera::Only if cameras.len() > 1 => bail!(
             "{} cameras are plugged in; name one: {}",
             cameras.len(),
-            places().iter().map(|place| format!("ps1080:{place}")).collect::<Vec<_>>().join(", ")
+            places()
+                .iter()
+                .map(|place| format!("ps1080:{place}"))
+                .collect::<Vec<_>>()
+                .join(", ")
         ),
         WhichCamera::Only => Some(0),
         WhichCamera::Path(path) => {
@@ -163,9 +170,9 @@ fn choose(cameras: Vec<Plugged>, which: &WhichCamera) -> anyhow::Result<Plugged>
                 .iter()
                 .position(|camera| (camera.found.bus, camera.found.address) == (bus, address))
         }
-        WhichCamera::Serial(serial) => cameras.iter().position(|camera| {
-            camera.ask().is_ok_and(|(_, asked)| asked == *serial)
-        }),
+        WhichCamera::Serial(serial) => cameras
+            .iter()
+            .position(|camera| camera.ask().is_ok_and(|(_, asked)| asked == *serial)),
     };
     match place.and_then(|place| cameras_at(cameras, place)) {
         Some(camera) => Ok(camera),
@@ -182,7 +189,10 @@ fn bus_and_address(path: &Path) -> anyhow::Result<(u8, u8)> {
     let number = |name: &str| -> anyhow::Result<u8> {
         let path = path.join(name);
         let text = std::fs::read_to_string(&path).with_context(|| {
-            format!("{}: no USB device is there; `glintd list` shows paths", path.display())
+            format!(
+                "{}: no USB device is there; `glintd list` shows paths",
+                path.display()
+            )
         })?;
         let parsed = text.trim().parse();
         parsed.with_context(|| format!("{}: `{}` is no number", path.display(), text.trim()))

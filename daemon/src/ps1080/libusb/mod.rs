@@ -1,7 +1,8 @@
 //! USB by libusb: the raw layer for asynchronous transfers, rusb for the rest. The only folder of the driver with unsafe
-//! code, all of it in `transfer`.
+//! code, all of it in `transfer` and `realtime`.
 
 mod find;
+mod realtime;
 mod transfer;
 mod transport;
 

@@ -88,8 +88,10 @@ impl Idle {
             TransferKind::Isochronous => iso_packet_count * packet_bytes,
         };
         let count = i32::try_from(iso_packet_count).ok()?;
-        let (length_number, packet_number) =
-            (i32::try_from(length).ok()?, u32::try_from(packet_bytes).ok()?);
+        let (length_number, packet_number) = (
+            i32::try_from(length).ok()?,
+            u32::try_from(packet_bytes).ok()?,
+        );
         // SAFETY: allocates; null is handled.
         let transfer = NonNull::new(unsafe { ffi::libusb_alloc_transfer(count) })?;
         let buffer = NonNull::from(Box::leak(vec![0_u8; length].into_boxed_slice()));
