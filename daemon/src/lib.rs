@@ -14,8 +14,8 @@
 //! # Ok::<(), anyhow::Error>(())
 //! ```
 //!
-//! Map, along the way of a frame: [`source_spec`] what stands on the command line · [`replay`] a recording as a
-//! camera · [`frame`] frames and their pools · [`drops`] what is missing, and why · [`pair`] depth with colour ·
+//! Map, along the way of a frame: [`source_spec`] what stands on the command line · [`source`] what a source is · [`replay`] a
+//! recording as a camera · [`frame`] frames and their pools · [`drops`] what is missing, and why · [`pair`] depth with colour ·
 //! [`record`] encoding · [`fuse`] tracking and fusion · [`message`] encoded records in a ring of bytes · [`disk`] the
 //! writer · [`mesh`] the surface at the end · [`capture`] the threads · [`clock`] and [`status`] what they share · [`latency`] and [`outcome`] what is
 //! counted · [`inspect`] info, verify, recover, cut · [`cli`] the command line.
@@ -33,6 +33,7 @@ pub mod capture;
 pub mod cli;
 pub mod clock;
 pub mod disk;
+pub mod doctor;
 pub mod drops;
 pub mod frame;
 pub mod fuse;
@@ -42,7 +43,9 @@ pub mod mesh;
 pub mod message;
 pub mod outcome;
 pub mod pair;
+pub mod ps1080;
 pub mod record;
 pub mod replay;
+pub mod source;
 pub mod source_spec;
 pub mod status;

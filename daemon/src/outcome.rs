@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use sequence::Gap;
+use sequence::{Gap, GapCause};
 use serde::Serialize;
 
 use crate::disk::DiskReport;
@@ -33,6 +33,8 @@ pub struct Outcome {
     pub not_asked_for: u64,
     /// Frames without a partner in the other stream.
     pub unpaired: u64,
+    /// Frames that were on their way when the camera was unplugged; `gaps` counts them too.
+    pub unplugged: u64,
     /// What is missing, in words.
     pub missing: Vec<String>,
     /// Seconds that passed.
@@ -118,6 +120,12 @@ impl Outcome {
             gaps: disk.gaps.iter().map(|gap| gap.count).sum(),
             not_asked_for: disk.not_asked_for,
             unpaired: pairing.single_count,
+            unplugged: disk
+                .gaps
+                .iter()
+                .filter(|gap| gap.cause == Some(GapCause::Unplug))
+                .map(|gap| gap.count)
+                .sum(),
             missing: disk.gaps.iter().map(in_words).collect(),
             wall_s: wall.as_secs_f64(),
             realtime_factor,
@@ -141,9 +149,10 @@ impl Outcome {
         }
     }
 
-    /// Whether every frame is in the files.
+    /// Whether every frame is in the files, but for those that were cut off by unplugging the camera: that is how a
+    /// recording usually ends.
     pub fn is_whole(&self) -> bool {
-        self.gaps == 0
+        self.gaps == self.unplugged
     }
 }
 

@@ -3,43 +3,22 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crossbeam::sync::{Parker, Unparker};
 use geometry::Pose;
-use ringbuf::HeapProd;
-use ringbuf::traits::Producer as _;
 use sequence::contents::StoredPoses;
 use sequence::decode::StreamDecoders;
 use sequence::recording::widest_pair_nanos;
 use sequence::scan::RecordPlace;
-use sequence::{FrameTimes, GapCause, Recording, SequenceError};
+use sequence::{FrameTimes, GapCause, Recording, SequenceError, Streams};
 
-use crate::capture::LONGEST_PARK;
 use crate::clock::HostClock;
 use crate::disk::SOURCE_SET;
-use crate::drops::{Drop, DropLog};
-use crate::frame::{ColorFrame, DepthFrame, FreeFrames};
+use crate::drops::Drop;
+use crate::frame::{ColorFrame, DepthFrame};
 use crate::latency::Work;
 use crate::pair::Sent;
+use crate::source::{FrameSource, SourceEnds, SourceReport, take};
 use crate::source_spec::{ReplaySpec, Speed};
 use crate::status::{Status, StopFlag};
-
-/// Where a source gives frames.
-pub struct SourceEnds {
-    /// Free depth frames.
-    pub depth_frames: FreeFrames<DepthFrame>,
-    /// Free colour frames.
-    pub color_frames: FreeFrames<ColorFrame>,
-    /// To the pair thread.
-    pub to: HeapProd<Sent>,
-    /// What is dropped.
-    pub drops: DropLog,
-    /// Wakes the pair thread.
-    pub pair: Unparker,
-    /// Where this thread waits for free frames.
-    pub parker: Parker,
-    /// What decoding took so far.
-    pub decoding: Work,
-}
 
 /// Plays the frames of a recording, of both streams in the order of their times.
 #[derive(Debug)]
@@ -50,6 +29,7 @@ pub struct Replay {
     order: Vec<Step>,
     depth: Cycle,
     color: Cycle,
+    most_color_bytes: usize,
     /// Device time from the first frame of a round to that of the next, nanoseconds.
     round_nanos: i64,
 }
@@ -71,6 +51,8 @@ struct Cycle {
 
 /// Frames whose memory in the map is let go at a time.
 const RELEASE_STEPS: usize = 32;
+/// Frames a second where the recording promises no rate.
+pub(crate) const ASSUMED_RATE_HZ: f64 = 30.0;
 /// Longest sleep between two looks at the stop flag.
 const NAP: Duration = Duration::from_millis(20);
 
@@ -104,6 +86,7 @@ impl Replay {
             color: Cycle::of(color),
             round_nanos: span.saturating_add(period).max(1),
             order,
+            most_color_bytes: most_color_bytes(&recording)?,
             recording,
         })
     }
@@ -113,67 +96,13 @@ impl Replay {
         &self.recording
     }
 
-    /// Whether the source waits for the recorder.
-    pub fn waits(&self) -> bool {
-        self.speed == Speed::Max
-    }
-
     /// Frames of both streams in a round, `None` when it goes round for ever.
     pub fn frame_count(&self) -> Option<usize> {
         (!self.repeats).then_some(self.order.len())
     }
 
-    /// Bytes of the largest colour frame as the camera sends it.
-    pub fn most_color_bytes(&self) -> Result<usize, SequenceError> {
-        let color = self.recording.color_camera();
-        let (width, height) = (color.intrinsics.width(), color.intrinsics.height());
-        match color.encoding.lossless() {
-            Some(format) => Ok(format.frame_bytes(width, height)?),
-            None => {
-                let id = self.recording.description().color_id;
-                let places = self.recording.contents().stream(id).iter();
-                Ok(places
-                    .map(|place| place.payload_bytes as usize)
-                    .max()
-                    .unwrap_or_default())
-            }
-        }
-    }
-
-    /// How far apart frames of a pair may be, nanoseconds.
-    pub fn widest_pair_nanos(&self) -> i64 {
-        widest_pair_nanos(self.recording.description())
-    }
-
-    /// The poses that the recording brings, and whether they are of the colour camera.
-    pub fn source_poses(&self) -> Option<(StoredPoses, bool)> {
-        let sets = &self.recording.contents().pose_sets;
-        let stored = sets.iter().find(|set| set.head.name == SOURCE_SET)?;
-        let is_color = stored.head.stream == self.recording.description().color_id;
-        Some((stored.clone(), is_color))
-    }
-
-    /// World from depth camera of the first frame that has a pose; identity where none has.
-    pub fn first_pose(&self) -> Pose {
-        let poses = self.recording.poses(SOURCE_SET).unwrap_or_default();
-        poses
-            .iter()
-            .flatten()
-            .next()
-            .copied()
-            .unwrap_or(Pose::IDENTITY)
-    }
-
-    /// Time from frame to frame as it is played, nanoseconds; `None` where the source waits for the recorder.
-    pub fn period_nanos(&self, rate_hz: f64) -> Option<i64> {
-        match self.speed {
-            Speed::Max => None,
-            Speed::Times(times) => Some((1e9 / rate_hz / times).round() as i64),
-        }
-    }
-
     /// Plays until the end or until `stop`; returns what decoding took.
-    pub fn run(
+    fn play_all(
         &self,
         mut ends: SourceEnds,
         clock: HostClock,
@@ -181,6 +110,7 @@ impl Replay {
         stop: &StopFlag,
     ) -> Result<Work, SequenceError> {
         let mut decoders = StreamDecoders::new(self.recording.description())?;
+        let mut decoding = Work::default();
         let begun = Instant::now();
         let first_nanos = self
             .order
@@ -195,7 +125,7 @@ impl Replay {
                 self.wait_until(begun, played, stop);
                 if stop.is_set() {
                     ends.drops.flush_all();
-                    return Ok(ends.decoding);
+                    return Ok(decoding);
                 }
                 self.play(
                     step,
@@ -203,6 +133,7 @@ impl Replay {
                     &mut next,
                     &mut ends,
                     &mut decoders,
+                    &mut decoding,
                     clock,
                     status,
                     stop,
@@ -216,7 +147,7 @@ impl Replay {
             }
         }
         ends.drops.flush_all();
-        Ok(ends.decoding)
+        Ok(decoding)
     }
 
     fn wait_until(&self, begun: Instant, played_nanos: i128, stop: &StopFlag) {
@@ -240,6 +171,7 @@ impl Replay {
         next: &mut [u64; 2],
         ends: &mut SourceEnds,
         decoders: &mut StreamDecoders,
+        decoding: &mut Work,
         clock: HostClock,
         status: &Status,
         stop: &StopFlag,
@@ -291,11 +223,11 @@ impl Replay {
         let error = if let Some(mut frame) = depth_frame {
             let begun = Work::begin();
             let decoded = self.decode_depth(place, &mut frame, decoders);
-            ends.decoding = ends.decoding.and(begun.end());
+            *decoding = decoding.and(begun.end());
             match decoded {
                 Ok(stored) => {
                     frame.times = times(stored);
-                    return self.send(Sent::Depth(frame), ends, stream);
+                    return ends.send(Sent::Depth(frame), stream);
                 }
                 Err(error) => {
                     ends.depth_frames.put_back(frame);
@@ -305,11 +237,11 @@ impl Replay {
         } else if let Some(mut frame) = color_frame {
             let begun = Work::begin();
             let decoded = self.decode_color(place, &mut frame, decoders);
-            ends.decoding = ends.decoding.and(begun.end());
+            *decoding = decoding.and(begun.end());
             match decoded {
                 Ok(stored) => {
                     frame.times = times(stored);
-                    return self.send(Sent::Color(frame), ends, stream);
+                    return ends.send(Sent::Color(frame), stream);
                 }
                 Err(error) => {
                     ends.color_frames.put_back(frame);
@@ -321,13 +253,6 @@ impl Replay {
         };
         tracing::warn!("frame {number} of stream {stream}: {error}");
         ends.drops.add(drop(number, 1, GapCause::Corrupt));
-    }
-
-    fn send(&self, frame: Sent, ends: &mut SourceEnds, stream: u16) {
-        ends.drops.flush(stream);
-        // The ring has a place for every frame of both pools.
-        let _ = ends.to.try_push(frame);
-        ends.pair.unpark();
     }
 
     fn decode_depth(
@@ -370,19 +295,77 @@ impl Replay {
     }
 }
 
-/// A free frame; waits for one only when the source can.
-fn take<F>(
-    free: &mut FreeFrames<F>,
-    parker: &Parker,
-    waits: bool,
-    stop: &StopFlag,
-) -> Option<Box<F>> {
-    loop {
-        let frame = free.take();
-        if frame.is_some() || !waits || stop.is_set() {
-            return frame;
+impl FrameSource for Replay {
+    fn streams(&self) -> &Streams {
+        &self.recording.description().streams
+    }
+
+    fn waits(&self) -> bool {
+        self.speed == Speed::Max
+    }
+
+    fn most_color_bytes(&self) -> usize {
+        self.most_color_bytes
+    }
+
+    fn widest_pair_nanos(&self) -> i64 {
+        widest_pair_nanos(self.recording.description())
+    }
+
+    fn period_nanos(&self) -> Option<i64> {
+        let rate_hz = self.streams().depth_timing.rate_hz;
+        match self.speed {
+            Speed::Max => None,
+            Speed::Times(times) => {
+                Some((1e9 / rate_hz.unwrap_or(ASSUMED_RATE_HZ) / times).round() as i64)
+            }
         }
-        parker.park_timeout(LONGEST_PARK);
+    }
+
+    fn source_poses(&self) -> Option<(StoredPoses, bool)> {
+        let sets = &self.recording.contents().pose_sets;
+        let stored = sets.iter().find(|set| set.head.name == SOURCE_SET)?;
+        let is_color = stored.head.stream == self.recording.description().color_id;
+        Some((stored.clone(), is_color))
+    }
+
+    fn first_pose(&self) -> Pose {
+        let poses = self.recording.poses(SOURCE_SET).unwrap_or_default();
+        poses
+            .iter()
+            .flatten()
+            .next()
+            .copied()
+            .unwrap_or(Pose::IDENTITY)
+    }
+
+    fn run(
+        &mut self,
+        ends: SourceEnds,
+        clock: HostClock,
+        status: &Status,
+        stop: &StopFlag,
+    ) -> anyhow::Result<SourceReport> {
+        Ok(SourceReport {
+            decoding: self.play_all(ends, clock, status, stop)?,
+            ..SourceReport::default()
+        })
+    }
+}
+
+/// Bytes of the largest colour frame as the camera sends it.
+fn most_color_bytes(recording: &Recording) -> Result<usize, SequenceError> {
+    let color = recording.color_camera();
+    let (width, height) = (color.intrinsics.width(), color.intrinsics.height());
+    match color.encoding.lossless() {
+        Some(format) => Ok(format.frame_bytes(width, height)?),
+        None => {
+            let places = recording
+                .contents()
+                .stream(recording.description().color_id);
+            let sizes = places.iter().map(|place| place.payload_bytes as usize);
+            Ok(sizes.max().unwrap_or_default())
+        }
     }
 }
 

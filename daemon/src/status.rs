@@ -21,16 +21,19 @@ pub enum EndReason {
     DiskFull = 5,
     /// The disk reports errors.
     DiskError = 6,
+    /// The camera is gone.
+    Unplugged = 7,
 }
 
 impl EndReason {
-    const ALL: [Self; 6] = [
+    const ALL: [Self; 7] = [
         Self::Complete,
         Self::Stopped,
         Self::Duration,
         Self::Part,
         Self::DiskFull,
         Self::DiskError,
+        Self::Unplugged,
     ];
 
     /// The cause of gaps that this reason makes.
@@ -38,7 +41,7 @@ impl EndReason {
         match self {
             Self::DiskFull => Some(GapCause::DiskFull),
             Self::DiskError => Some(GapCause::DiskError),
-            Self::Complete | Self::Stopped | Self::Duration | Self::Part => None,
+            Self::Complete | Self::Stopped | Self::Duration | Self::Part | Self::Unplugged => None,
         }
     }
 }
@@ -52,6 +55,7 @@ impl fmt::Display for EndReason {
             Self::Part => "part",
             Self::DiskFull => "disk-full",
             Self::DiskError => "disk-error",
+            Self::Unplugged => "unplugged",
         })
     }
 }

@@ -21,6 +21,7 @@ use crate::fuse::report::FuseSummary;
 use crate::mesh;
 use crate::outcome::{Numbers, Outcome};
 use crate::replay::Replay;
+use crate::source::FrameSource;
 use crate::source_spec::SourceSpec;
 use crate::status::{Status, StatusNow, StopFlag};
 
@@ -86,21 +87,41 @@ pub fn capture(options: CaptureOptions, stop: &StopFlag) -> anyhow::Result<Outco
 
 /// As [`capture`]; `show` is called about twice a second.
 pub fn capture_with(
+    options: CaptureOptions,
+    stop: &StopFlag,
+    show: &mut dyn FnMut(&StatusNow),
+) -> anyhow::Result<Outcome> {
+    match &options.source {
+        SourceSpec::Replay(spec) => {
+            let mut replay = Replay::open(spec)?;
+            capture_from(&mut replay, options, stop, show)
+        }
+        SourceSpec::Camera(spec) => {
+            let mut camera = crate::ps1080::open_camera(spec)?;
+            capture_from(&mut camera, options, stop, show)
+        }
+    }
+}
+
+/// As [`capture_with`], from a source that is open already; that in the options only names it.
+///
+/// # Errors
+/// As [`capture`].
+pub fn capture_from(
+    source: &mut dyn FrameSource,
     mut options: CaptureOptions,
     stop: &StopFlag,
     show: &mut dyn FnMut(&StatusNow),
 ) -> anyhow::Result<Outcome> {
-    let SourceSpec::Replay(spec) = &options.source;
-    let replay = Replay::open(spec)?;
-    let description = description_of(&replay, options.clock);
-    let sizes = Sizes::of(&replay, &description, &options)?;
+    let description = description_of(source, options.clock);
+    let sizes = Sizes::of(source, &description, &options);
     require_space(&options.output, sizes.floor_bytes)?;
     let status = Status::default();
     let mesh_path = options.fuse.as_mut().and_then(|fuse| fuse.mesh.take());
-    let threads = Threads::new(&replay, &description, &sizes, &mut options, &status, stop)?;
+    let threads = Threads::new(source, &description, &sizes, &mut options, &status, stop)?;
     let progress = threads.progress();
     let begun = Instant::now();
-    let mut done = threads.run(&replay, &options, begun, &status, stop, show)?;
+    let mut done = threads.run(source, &options, begun, &status, stop, show)?;
     let fusion = match &progress {
         Some(progress) => FuseSummary::new(&done.fusion, progress),
         None => FuseSummary::default(),
@@ -110,7 +131,7 @@ pub fn capture_with(
         pairing: &done.pairing,
         disk: &mut done.disk,
         fusion,
-        decoding: done.decoding,
+        decoding: done.source.decoding,
         ended: stop.reason(),
         raw_pair_bytes: sizes.raw_pair_bytes,
         wall: done.sealed_after,
@@ -123,7 +144,7 @@ pub fn capture_with(
     Ok(outcome)
 }
 
-fn description_of(replay: &Replay, clock: HostClock) -> Description {
+fn description_of(source: &dyn FrameSource, clock: HostClock) -> Description {
     Description {
         writer: concat!("glintd ", env!("CARGO_PKG_VERSION")).to_owned(),
         created: Created {
@@ -133,6 +154,6 @@ fn description_of(replay: &Replay, clock: HostClock) -> Description {
         part: None,
         depth_id: DEPTH_STREAM,
         color_id: COLOR_STREAM,
-        ..replay.recording().description().clone()
+        streams: source.streams().clone(),
     }
 }

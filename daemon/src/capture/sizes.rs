@@ -6,14 +6,13 @@ use anyhow::Context as _;
 use sequence::Description;
 
 use super::CaptureOptions;
-use crate::replay::Replay;
+use crate::replay::ASSUMED_RATE_HZ;
+use crate::source::FrameSource;
 
 /// Frames of each stream that can be on their way at a time: most of a second.
 pub(super) const POOL_FRAMES: usize = 24;
 /// Encoded frames that the disk may be late by, seconds.
 const BUFFER_SECONDS: f64 = 3.0;
-/// Frames a second where the source promises no rate.
-const ASSUMED_RATE_HZ: f64 = 30.0;
 /// Free space that is always left alone.
 const LEAST_FLOOR_BYTES: u64 = 2 << 30;
 /// Seconds of recording that are left alone.
@@ -28,8 +27,6 @@ pub(super) struct Sizes {
     pub(super) most_color_bytes: usize,
     /// Bytes of a pair as the camera sends it.
     pub(super) raw_pair_bytes: usize,
-    /// Depth frames a second.
-    pub(super) rate_hz: f64,
     /// The ring in front of the disk.
     pub(super) buffer_bytes: usize,
     /// What is kept before the trigger.
@@ -39,13 +36,13 @@ pub(super) struct Sizes {
 }
 
 impl Sizes {
-    /// Of the recording of `replay` that `options` ask for; says them in the log.
+    /// Of the recording of `source` that `options` ask for; says them in the log.
     pub(super) fn of(
-        replay: &Replay,
+        source: &dyn FrameSource,
         description: &Description,
         options: &CaptureOptions,
-    ) -> anyhow::Result<Self> {
-        let most_color_bytes = replay.most_color_bytes()?;
+    ) -> Self {
+        let most_color_bytes = source.most_color_bytes();
         let camera = &description.streams.depth.intrinsics;
         let pixel_count = camera.width() as usize * camera.height() as usize;
         let raw_pair_bytes = 2 * pixel_count + most_color_bytes;
@@ -63,7 +60,6 @@ impl Sizes {
             pixel_count,
             most_color_bytes,
             raw_pair_bytes,
-            rate_hz,
             buffer_bytes: raw_bytes_of(BUFFER_SECONDS),
             held_bytes,
             floor_bytes,
@@ -78,7 +74,7 @@ impl Sizes {
                 .as_ref()
                 .map_or(0.0, |fuse| fuse.live.volume.memory_limit_bytes as f64 / 1e6)
         );
-        Ok(sizes)
+        sizes
     }
 }
 

@@ -4,12 +4,13 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crossbeam::channel::bounded;
 use crossbeam::sync::{Parker, Unparker};
 use ringbuf::traits::Split as _;
 use ringbuf::{HeapCons, HeapProd, HeapRb};
-use sequence::Description;
 use sequence::chunk_writer::DiskLimits;
 use sequence::file_layer;
+use sequence::{Description, Histogram};
 
 use super::CaptureOptions;
 use super::sizes::{POOL_FRAMES, Sizes};
@@ -23,7 +24,7 @@ use crate::latency::Work;
 use crate::message::{self, MessageKind, MessageSender};
 use crate::pair::{PairReport, Sent, Unit, pair_frames};
 use crate::record::{RecordEnds, Recorder};
-use crate::replay::{Replay, SourceEnds};
+use crate::source::{self, FrameSource, SourceEnds, SourceReport};
 use crate::status::{EndReason, Status, StatusNow, StopFlag};
 
 /// Room for poses and words between the fuse thread and the disk: half a minute of poses.
@@ -57,8 +58,7 @@ struct Fusion<'capture> {
 
 /// What the threads did.
 pub(super) struct Done {
-    /// What decoding of the replay took.
-    pub(super) decoding: Work,
+    pub(super) source: SourceReport,
     pub(super) pairing: PairReport,
     pub(super) disk: DiskReport,
     pub(super) fusion: FuseReport,
@@ -69,7 +69,7 @@ pub(super) struct Done {
 impl<'capture> Threads<'capture> {
     /// Makes the rings, the pools and the file. What `options` hold of closures is taken.
     pub(super) fn new(
-        replay: &Replay,
+        source: &dyn FrameSource,
         description: &Description,
         sizes: &Sizes,
         options: &mut CaptureOptions,
@@ -88,7 +88,7 @@ impl<'capture> Threads<'capture> {
         let fusion = Fusion::new(
             (fused_depth, fused_color),
             [source_bell.clone(), record_bell.clone()],
-            (replay, description, sizes),
+            (source, description),
             options,
             status,
             stop,
@@ -115,13 +115,15 @@ impl<'capture> Threads<'capture> {
             &description.streams,
             options.depth_codec,
             sizes.most_color_bytes,
-            replay.waits(),
+            source.waits(),
             status,
         )?;
+        let (event_sender, event_receiver) = bounded(source::CHANNEL_EVENTS);
         let disk_ends = DiskEnds {
             records,
             fuse: messages,
-            source_poses: replay.source_poses(),
+            source_events: event_receiver,
+            source_poses: source.source_poses(),
         };
         Ok(Self {
             source: SourceEnds {
@@ -129,9 +131,9 @@ impl<'capture> Threads<'capture> {
                 color_frames,
                 to: to_pair,
                 drops: DropLog::new(drop_sender),
+                events: event_sender,
                 pair: pair_parker.unparker().clone(),
                 parker: source_parker,
-                decoding: Work::default(),
             },
             pair: PairEnds {
                 from: from_source,
@@ -155,7 +157,7 @@ impl<'capture> Threads<'capture> {
     /// Runs until the source ends or `stop` is set; the file is closed before the fuse thread is waited for.
     pub(super) fn run(
         self,
-        replay: &Replay,
+        frame_source: &mut dyn FrameSource,
         options: &CaptureOptions,
         begun: Instant,
         status: &'capture Status,
@@ -172,7 +174,7 @@ impl<'capture> Threads<'capture> {
             ..
         } = self;
         let (clock, duration) = (options.clock, options.duration);
-        let widest_nanos = replay.widest_pair_nanos();
+        let widest_nanos = frame_source.widest_pair_nanos();
         let disk_bell = disk_parker.unparker().clone();
         std::thread::scope(|scope| {
             let spawn = |name: &str| std::thread::Builder::new().name(name.to_owned());
@@ -181,7 +183,7 @@ impl<'capture> Threads<'capture> {
                 None => None,
             };
             let source = spawn("source")
-                .spawn_scoped(scope, move || replay.run(source, clock, status, stop))?;
+                .spawn_scoped(scope, move || frame_source.run(source, clock, status, stop))?;
             let pair = spawn("pair").spawn_scoped(scope, move || {
                 pair_frames(pair.from, pair.to, widest_nanos, &pair.parker, &pair.record)
             })?;
@@ -195,21 +197,28 @@ impl<'capture> Threads<'capture> {
             watch(&duration, begun, status, stop, show, || {
                 record.is_finished()
             });
-            let decoding = joined(source.join())??;
+            let source = joined(source.join())?;
             let pairing = joined(pair.join())?;
             let sender = joined(record.join())??;
-            say_last_words(sender, &pairing)?;
+            let (source, failed) = match source {
+                Ok(report) => (report, None),
+                Err(error) => (SourceReport::default(), Some(error)),
+            };
+            say_last_words(sender, &pairing, &source.histograms)?;
             disk_bell.unpark();
             // In lock-step the last frames are fused now, before the file is closed.
             watch(&duration, begun, status, stop, show, || disk.is_finished());
             let disk = joined(disk.join())??;
+            if let Some(error) = failed {
+                return Err(error);
+            }
             let sealed_after = begun.elapsed();
             let fusion = match fuse {
                 Some(fuse) => joined(fuse.join())?,
                 None => FuseReport::default(),
             };
             Ok(Done {
-                decoding,
+                source,
                 pairing,
                 disk,
                 fusion,
@@ -224,7 +233,7 @@ impl<'capture> Fusion<'capture> {
     fn new(
         returns: (Returns<DepthFrame>, Returns<ColorFrame>),
         [source, record]: [Unparker; 2],
-        (replay, description, sizes): (&Replay, &Description, &Sizes),
+        (source_of_frames, description): (&dyn FrameSource, &Description),
         options: &mut CaptureOptions,
         status: &'capture Status,
         stop: &StopFlag,
@@ -232,7 +241,7 @@ impl<'capture> Fusion<'capture> {
         let Some(fuse) = options.fuse.take() else {
             return Ok(None);
         };
-        let waits = replay.waits();
+        let waits = source_of_frames.waits();
         let (link, frames) = frames::ring(returns.0, returns.1, source, record, waits, stop);
         let (to_disk, receiver) = message::ring(FUSE_MESSAGE_BYTES);
         let fuser = Fuser::new(
@@ -240,8 +249,8 @@ impl<'capture> Fusion<'capture> {
             to_disk,
             &description.streams,
             fuse,
-            replay.first_pose(),
-            replay.period_nanos(sizes.rate_hz),
+            source_of_frames.first_pose(),
+            source_of_frames.period_nanos(),
             options.clock,
             status,
         )?;
@@ -334,12 +343,19 @@ fn watch(
 }
 
 /// What is only known at the end, and that it is the end.
-fn say_last_words(mut sender: MessageSender, pairing: &PairReport) -> anyhow::Result<()> {
-    let skews = serde_json::to_vec(&pairing.skews.histogram("pair-skew"))?;
-    let messages: [(MessageKind, &[u8]); 2] =
-        [(MessageKind::Histogram, &skews), (MessageKind::End, &[])];
+fn say_last_words(
+    mut sender: MessageSender,
+    pairing: &PairReport,
+    of_source: &[Histogram],
+) -> anyhow::Result<()> {
+    let mut messages = Vec::new();
+    let skews = pairing.skews.histogram("pair-skew");
+    for histogram in std::iter::once(&skews).chain(of_source) {
+        messages.push((MessageKind::Histogram, serde_json::to_vec(histogram)?));
+    }
+    messages.push((MessageKind::End, Vec::new()));
     for (kind, payload) in messages {
-        while !sender.send(kind, 0, Work::default(), [payload, &[]]) {
+        while !sender.send(kind, 0, Work::default(), [&payload, &[]]) {
             anyhow::ensure!(sender.is_connected(), "the disk thread is gone");
             std::thread::sleep(Duration::from_millis(1));
         }

@@ -3,6 +3,7 @@
 //! 0 success · 2 the user's input cannot be used, with one sentence · 3 frames are missing or damaged, with a
 //! list · 101 a bug.
 
+mod camera;
 mod record;
 
 use std::io::IsTerminal as _;
@@ -15,6 +16,7 @@ use sequence::copy::{Copied, cut, recover};
 use sequence::verify::verify;
 use serde_json::json;
 
+use self::camera::{DoctorArgs, run_doctor};
 use self::record::{RecordArgs, run_record};
 use crate::inspect::{follow, info};
 use crate::status::StopFlag;
@@ -39,6 +41,11 @@ struct Cli {
 enum Command {
     /// Record a source into a new file, until it ends or a signal comes.
     Record(Box<RecordArgs>),
+    /// Say which cameras are plugged in, with serial number and firmware.
+    #[cfg(feature = "usb")]
+    List,
+    /// Say what stands in the way of a good recording on this machine, and how to mend it.
+    Doctor(DoctorArgs),
     /// Say what a recording holds; works while it is written.
     Info(InfoArgs),
     /// Check every byte, and that no frame is missing.
@@ -118,6 +125,9 @@ pub fn run() -> ExitCode {
 fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
     match &cli.command {
         Command::Record(args) => run_record(args, cli.json),
+        #[cfg(feature = "usb")]
+        Command::List => camera::run_list(cli.json),
+        Command::Doctor(args) => run_doctor(args, cli.json),
         Command::Info(args) => run_info(args, cli.json),
         Command::Verify(args) => run_verify(args, cli.json),
         Command::Recover(args) => {

@@ -46,7 +46,9 @@ enum WriteChoice {
     after_help = "Example:\n  glintd record 'replay:recordings/two-cans.glint?speed=max' -o copy.glint --mesh copy.ply"
 )]
 pub(super) struct RecordArgs {
-    /// replay:FILE, with ?speed=max (wait for the recorder, drop nothing), ?speed=0.5 (of the camera's), &loop.
+    /// ps1080[:SERIAL] or ps1080:/SYSFS-PATH, a PrimeSense camera, with ?size=vga|qvga, fps=30|60, color=best|yuv422|…,
+    /// registration=off|on, exposure=lock|auto|N&gain=N; or replay:FILE, with ?speed=max (wait for the recorder, drop
+    /// nothing), ?speed=0.5 (of the camera's), &loop.
     source: SourceSpec,
     /// File to make, or a folder: the file is then named by source and time.
     #[arg(short, long)]
@@ -160,8 +162,11 @@ impl FuseArgs {
 /// Records, and says what came of it.
 pub(super) fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCode> {
     let stop = stop_on_signals()?;
-    let SourceSpec::Replay(spec) = &args.source;
-    let output = output_path(&args.output, &camera_name(&spec.path))?;
+    let name = match &args.source {
+        SourceSpec::Replay(spec) => camera_name(&spec.path),
+        SourceSpec::Camera(spec) => spec.which.file_name(),
+    };
+    let output = output_path(&args.output, &name)?;
     if output.exists() {
         bail!(
             "{}: this file exists; remove it, or choose another name",

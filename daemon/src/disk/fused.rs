@@ -128,6 +128,18 @@ impl Disk<'_> {
         }
     }
 
+    /// Writes what happened in the source. Before the trigger nothing waits here: the channel keeps it.
+    pub(super) fn take_source_events(&mut self) -> Result<(), SequenceError> {
+        while let Ok(event) = self.source_events.try_recv() {
+            if let Some(writer) = self.writer.as_mut()
+                && self.report.failure.is_none()
+            {
+                writer.write_event(&event)?;
+            }
+        }
+        Ok(())
+    }
+
     /// A frame is in the file: its poses may follow.
     pub(super) fn note_frame(&mut self, stream: u16, number: u64) {
         self.live.note_frame(stream, number);

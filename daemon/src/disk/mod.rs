@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
+use crossbeam::channel::Receiver;
 use crossbeam::sync::Parker;
 use sequence::chunk_writer::DiskLimits;
 use sequence::codecs::CodeTable;
@@ -36,6 +37,8 @@ pub struct DiskEnds {
     pub records: MessageReceiver,
     /// From the fuse thread, where there is one.
     pub fuse: Option<FuseMessages>,
+    /// What happens in the source.
+    pub source_events: Receiver<Event>,
     /// Poses that a replay brings, and whether they are of the colour camera.
     pub source_poses: Option<(StoredPoses, bool)>,
 }
@@ -45,6 +48,7 @@ pub struct Disk<'capture> {
     receiver: MessageReceiver,
     fuse: Option<FuseMessages>,
     fuse_payload: Vec<u8>,
+    source_events: Receiver<Event>,
     live: PoseQueue,
     source: Option<SourcePoses>,
     make_layer: LayerFactory,
@@ -95,6 +99,7 @@ impl<'capture> Disk<'capture> {
             receiver: ends.records,
             fuse: ends.fuse,
             fuse_payload: Vec::with_capacity(1 << 16),
+            source_events: ends.source_events,
             live: PoseQueue::new(LIVE_SET, description.writer.clone(), sequence::DEPTH_STREAM),
             source: ends
                 .source_poses
@@ -155,9 +160,13 @@ impl<'capture> Disk<'capture> {
                 }
                 None => parker.park_timeout(LONGEST_PARK),
             }
+            let said = self.take_source_events();
+            self.judge(said)?;
             let due = self.seal_if_due();
             self.judge(due)?;
         }
+        let said = self.take_source_events();
+        self.judge(said)?;
         let last = self.await_fused(Until::Over);
         self.judge(last)?;
         // From here on the fuse thread counts its poses as too late.

@@ -1,0 +1,10 @@
+//! USB by libusb: the raw layer for asynchronous transfers, rusb for the rest. The only folder of the driver with unsafe
+//! code, all of it in `transfer` and `realtime`.
+
+mod find;
+mod realtime;
+mod transfer;
+mod transport;
+
+pub use find::{Found, find, list, open_camera};
+pub use transport::LibusbTransport;

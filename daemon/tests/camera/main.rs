@@ -1,0 +1,6 @@
+//! The driver against a camera in software, in the camera's own time.
+
+mod faults;
+mod transport;
+mod unplug;
+mod whole;

@@ -1,0 +1,198 @@
+//! The driver of OpenNI2, unmodified as Debian has it, streams from the virtual camera; every pixel that it decodes is
+//! compared with what was filmed. The camera and our driver share one description of the protocol and one crate, and so
+//! perhaps an error; that driver shares neither.
+
+mod expected;
+mod stream;
+
+use std::path::Path;
+
+use expected::{depth_mm, infrared, measured_shifts, mosaic, rgb, shifts, uyvy, yuyv};
+use stream::{Frame, Outcome, Setting, stream};
+use virtual_carmine::TestPattern;
+
+const SEED: u64 = 23;
+/// As many frames as the pattern has before it repeats; a frame that is none of them is wrong.
+const CYCLE: u64 = 8;
+const WHERE: &str = "/usr/lib/x86_64-linux-gnu/libOpenNI2.so.0";
+
+fn pattern() -> TestPattern {
+    TestPattern::with_cycle(SEED, CYCLE)
+}
+
+/// Runs the driver; `None` and a line where it is not installed.
+fn run(setting: &Setting) -> Option<Outcome> {
+    let outcome = stream(setting);
+    if outcome.is_none() {
+        println!("skipped: libopenni2 is not installed");
+        assert!(!Path::new(WHERE).exists(), "installed but not loaded");
+    }
+    outcome
+}
+
+/// How many frames are, byte for byte, a frame of the pattern, each the next after the one before.
+fn count_as_filmed(frames: &[Frame], expected: impl Fn(u64) -> Vec<u8>) -> usize {
+    let filmed: Vec<Vec<u8>> = (0..CYCLE).map(expected).collect();
+    let mut last = None;
+    let mut count = 0;
+    for frame in frames {
+        let found = filmed.iter().position(|filmed| *filmed == frame.data);
+        let is_next = match (last, found) {
+            (Some(last), Some(found)) => (last + 1) % filmed.len() == found,
+            (None, found) => found.is_some(),
+            (Some(_), None) => false,
+        };
+        count += usize::from(is_next);
+        last = found;
+    }
+    count
+}
+
+#[track_caller]
+fn all_are_filmed(setting: &Setting, expected: impl Fn(u64) -> Vec<u8>) {
+    let Some(outcome) = run(setting) else {
+        return;
+    };
+    let frames = outcome.frames;
+    assert_eq!(frames.len(), setting.frame_count);
+    let count = count_as_filmed(&frames, expected);
+    assert_eq!(count, frames.len(), "{setting:?}");
+}
+
+fn of(personality: &'static str, streams: &[&'static str]) -> Setting {
+    Setting {
+        personality,
+        streams: streams.to_vec(),
+        frame_count: 5,
+        camera: String::new(),
+        does_close: false,
+    }
+}
+
+#[test]
+fn depth_of_every_format_is_the_table_of_what_was_filmed() {
+    let pattern = pattern();
+    for stream in [
+        "3:0:100:320:240:30",
+        "3:1:100:320:240:30",
+        "3:3:100:320:240:30",
+        "3:4:100:320:240:30",
+    ] {
+        let setting = of("carmine-1.08", &[stream]);
+        all_are_filmed(&setting, |index| depth_mm(&pattern, index, 320, 240));
+    }
+}
+
+#[test]
+fn shifts_come_through_as_they_are() {
+    let pattern = pattern();
+    for stream in ["3:3:102:640:480:30", "3:1:102:640:480:30"] {
+        let setting = of("carmine-1.08", &[stream]);
+        all_are_filmed(&setting, |index| shifts(&pattern, index, 640, 480));
+    }
+    // Of these formats the driver takes the shift that is no measurement out.
+    for stream in ["3:0:102:320:240:30", "3:4:102:320:240:30"] {
+        let setting = of("carmine-1.08", &[stream]);
+        all_are_filmed(&setting, |index| measured_shifts(&pattern, index, 320, 240));
+    }
+}
+
+#[test]
+fn colour_of_every_format_is_what_was_filmed() {
+    let pattern = pattern();
+    for stream in ["2:1:201:320:240:30", "2:5:201:320:240:30"] {
+        let setting = of("carmine-1.09", &[stream]);
+        all_are_filmed(&setting, |index| uyvy(&pattern, index, 320, 240));
+    }
+    let setting = of("carmine-1.09", &["2:7:205:320:240:30"]);
+    all_are_filmed(&setting, |index| yuyv(&pattern, index, 320, 240));
+    for stream in ["2:0:202:320:240:30", "2:6:202:320:240:30"] {
+        let setting = of("carmine-1.09", &[stream]);
+        all_are_filmed(&setting, |index| mosaic(&pattern, index, 320, 240));
+    }
+}
+
+#[test]
+fn colour_as_rgb_is_the_formula_of_what_was_filmed() {
+    let pattern = pattern();
+    for stream in ["2:1:200:320:240:30", "2:5:200:320:240:30"] {
+        let setting = of("carmine-1.09", &[stream]);
+        all_are_filmed(&setting, |index| rgb(&pattern, index, 320, 240));
+    }
+}
+
+#[test]
+fn infrared_is_what_was_filmed() {
+    let pattern = pattern();
+    let setting = of("carmine-1.08", &["1:0:203:320:240:30"]);
+    all_are_filmed(&setting, |index| infrared(&pattern, index, 320, 240));
+}
+
+#[test]
+fn older_firmware_streams_too() {
+    let pattern = pattern();
+    for personality in ["firmware-5.4", "firmware-5.1"] {
+        let setting = of(personality, &["3:3:100:320:240:30"]);
+        all_are_filmed(&setting, |index| depth_mm(&pattern, index, 320, 240));
+        let setting = of(personality, &["2:1:201:320:240:30"]);
+        all_are_filmed(&setting, |index| uyvy(&pattern, index, 320, 240));
+    }
+}
+
+#[test]
+fn both_streams_at_vga_come_together_and_the_camera_loses_nothing() {
+    let setting = Setting {
+        frame_count: 20,
+        does_close: true,
+        ..of(
+            "carmine-1.08",
+            &["3:3:102:640:480:30", "2:1:201:640:480:30"],
+        )
+    };
+    let Some(outcome) = run(&setting) else {
+        return;
+    };
+    let pattern = pattern();
+    let from = |sensor| -> Vec<Frame> {
+        let frames = outcome.frames.iter();
+        let own = frames.filter(|frame: &&Frame| frame.sensor == sensor);
+        own.cloned().collect()
+    };
+    let (depth, color) = (from(3), from(2));
+    let count = count_as_filmed(&depth, |index| shifts(&pattern, index, 640, 480));
+    assert_eq!(count, 20);
+    let count = count_as_filmed(&color, |index| uyvy(&pattern, index, 640, 480));
+    assert_eq!(count, 20);
+    let counters = &outcome.log["cameras"][0]["counters"];
+    for stream in ["depth", "image"] {
+        assert_eq!(counters[stream]["fifo_lost_bytes"], 0, "{counters}");
+    }
+    // Sensors that start together: the depth frame that came last has a colour frame of its time.
+    let last = depth.last().unwrap().micros;
+    let apart = color.iter().map(|frame| frame.micros.abs_diff(last)).min();
+    assert!(apart.unwrap() < 3_000, "{apart:?} us");
+}
+
+#[test]
+fn a_camera_that_deviates_is_caught() {
+    let pattern = pattern();
+    for (deviation, stream, is_depth) in [
+        ("nibble-order", "3:3:100:320:240:30", true),
+        ("chroma-swapped", "2:5:201:320:240:30", false),
+        ("predictors-kept", "2:1:201:320:240:30", false),
+    ] {
+        let mut setting = of("carmine-1.08", &[stream]);
+        setting.camera = format!("[camera.faults]\ndeviation = \"{deviation}\"\n");
+        let Some(outcome) = run(&setting) else {
+            return;
+        };
+        let count = count_as_filmed(&outcome.frames, |index| {
+            if is_depth {
+                depth_mm(&pattern, index, 320, 240)
+            } else {
+                uyvy(&pattern, index, 320, 240)
+            }
+        });
+        assert_eq!(count, 0, "{deviation} was not noticed");
+    }
+}

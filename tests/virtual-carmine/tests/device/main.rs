@@ -1,0 +1,7 @@
+//! The camera as a host sees it.
+
+mod conversation;
+mod faults;
+mod golden;
+mod host;
+mod streams;
