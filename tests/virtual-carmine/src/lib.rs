@@ -62,7 +62,7 @@ mod usb;
 pub use bus::{Bus, Transfer, TransferStatus};
 pub use camera::{Read, VirtualCarmine};
 pub use counters::{Counters, DeliveredFrame, StreamCounters};
-pub use faults::{Deviation, Faults, Refusal, Stall, StreamName};
+pub use faults::{Alarm, Deviation, Faults, Refusal, Stall, StreamName, Trouble};
 pub use film::{ColorLayout, Film};
 pub use pattern::TestPattern;
 pub use personality::Personality;

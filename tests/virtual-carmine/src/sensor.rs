@@ -1,13 +1,13 @@
 //! A stream: frames made by deadline, cut into packets, stored or lost.
 
-use ps1080::stream::{DeviceTicks, HEADER_BYTES, Packetiser, StreamKind};
+use ps1080::stream::{DeviceTicks, HEADER_BYTES, PacketHeader, PacketKind, Packetiser, StreamKind};
 use rand::RngExt as _;
 use rand_pcg::Pcg64Mcg;
 
 use crate::clock::DeviceClock;
 use crate::counters::{DeliveredFrame, StreamCounters};
 use crate::darkroom::Darkroom;
-use crate::faults::Faults;
+use crate::faults::{Faults, StreamName, Trouble};
 use crate::fifo::{Fifo, FrameEnd};
 use crate::shot::Shot;
 
@@ -51,6 +51,8 @@ struct Running {
     packetiser: Packetiser,
     started_nanos: i64,
     next_index: i64,
+    last_film_index: u64,
+    alarms_sent: usize,
     frame: Option<Frame>,
 }
 
@@ -94,6 +96,8 @@ impl Sensor {
             packetiser,
             started_nanos: now_nanos,
             next_index: grid_index(clock.device_nanos(first_nanos), exposure),
+            last_film_index: 0,
+            alarms_sent: 0,
             frame: None,
         });
     }
@@ -174,11 +178,23 @@ impl Sensor {
         };
         let exposure = running.exposure;
         let begin_device_nanos = grid_nanos(running.next_index, exposure);
-        let film_index = running.next_index.max(0).cast_unsigned();
+        let mut film_index = running.next_index.max(0).cast_unsigned();
         running.next_index += 1;
+        let faults = workshop.faults;
+        if happens(faults.repeat_frame_chance, workshop.random) && self.counters.frames_filmed > 0 {
+            film_index = running.last_film_index;
+            self.counters.repeated_frames += 1;
+        }
         let Some(payload) = workshop.darkroom.payload(exposure.shot, film_index) else {
             return;
         };
+        running.last_film_index = film_index;
+        let mut payload = &payload[..];
+        let is_short = happens(faults.short_frame_chance, workshop.random);
+        if is_short {
+            payload = &payload[..workshop.random.random_range(0..payload.len().max(1))];
+            self.counters.shortened_frames += 1;
+        }
         if !exposure.has_frozen_stamp {
             self.last_stamp = workshop.clock.ticks(begin_device_nanos);
         }
@@ -192,15 +208,22 @@ impl Sensor {
             wire: Vec::with_capacity(payload.len() + payload.len() / 16 + 64),
             packet_ends: Vec::new(),
             next_packet: 0,
-            is_whole: true,
+            is_whole: !is_short,
         };
+        let since_nanos = workshop.clock.host_nanos(begin_device_nanos) - running.started_nanos;
+        running.alarms_sent += frame.prepend_alarms(
+            faults,
+            stream_name(self.kind),
+            since_nanos,
+            running.alarms_sent,
+        );
         let padding = exposure.shot.padding();
-        for packet in running.packetiser.frame(&payload, padding, frame.stamp) {
+        for packet in running.packetiser.frame(payload, padding, frame.stamp) {
             self.counters.packets_made += 1;
             frame.append(
                 &packet.header,
                 packet.payload,
-                workshop.faults,
+                faults,
                 workshop.random,
                 &mut self.counters,
             );
@@ -243,12 +266,8 @@ impl Sensor {
 
     /// Until when the endpoint is silent on demand.
     pub(crate) fn stalled_until_nanos(&self, now_nanos: i64, faults: &Faults) -> Option<i64> {
-        use crate::faults::StreamName;
         let since_nanos = now_nanos - self.running.as_ref()?.started_nanos;
-        let name = match self.kind {
-            StreamKind::Depth => StreamName::Depth,
-            StreamKind::Image => StreamName::Image,
-        };
+        let name = stream_name(self.kind);
         let stalls = faults.stalls.iter().filter(|stall| stall.stream == name);
         stalls
             .map(|stall| (stall.after_nanos, stall.after_nanos + stall.length_nanos))
@@ -294,6 +313,36 @@ impl Sensor {
 }
 
 impl Frame {
+    /// Puts the alarms that are due before all packets: how many. They have no place in the count of ids.
+    fn prepend_alarms(
+        &mut self,
+        faults: &Faults,
+        stream: StreamName,
+        since_nanos: i64,
+        sent_count: usize,
+    ) -> usize {
+        let own = faults.alarms.iter().filter(|alarm| alarm.stream == stream);
+        let mut count = 0;
+        for alarm in own.skip(sent_count) {
+            if alarm.after_nanos > since_nanos {
+                break;
+            }
+            let header = PacketHeader {
+                kind: match alarm.trouble {
+                    Trouble::Projector => PacketKind::ProjectorFault,
+                    Trouble::Overheat => PacketKind::Overheat,
+                },
+                id: 0,
+                payload_bytes: 0,
+                field: self.stamp.0,
+            };
+            self.wire.extend(header.encode().into_iter().flatten());
+            self.packet_ends.push(self.wire.len());
+            count += 1;
+        }
+        count
+    }
+
     /// Adds a packet, with the faults that chance gives it.
     fn append(
         &mut self,
@@ -303,15 +352,14 @@ impl Frame {
         random: &mut Pcg64Mcg,
         counters: &mut StreamCounters,
     ) {
-        let mut happens = |chance: f64| chance > 0.0 && random.random_bool(chance.min(1.0));
-        if happens(faults.packet_drop_chance) {
+        if happens(faults.packet_drop_chance, random) {
             counters.dropped_packets += 1;
             self.is_whole = false;
             return;
         }
-        let is_double = happens(faults.packet_duplicate_chance);
-        let in_header = happens(faults.header_bit_chance);
-        let in_payload = happens(faults.payload_bit_chance) && !payload.is_empty();
+        let is_double = happens(faults.packet_duplicate_chance, random);
+        let in_header = happens(faults.header_bit_chance, random);
+        let in_payload = happens(faults.payload_bit_chance, random) && !payload.is_empty();
         let at = self.wire.len();
         self.wire.extend_from_slice(header);
         self.wire.extend_from_slice(payload);
@@ -344,6 +392,18 @@ impl Frame {
         let total = self.wire.len().max(1) as i64;
         self.begin_device_nanos + self.readout_nanos * self.packet_ends[number] as i64 / total
     }
+}
+
+fn stream_name(kind: StreamKind) -> StreamName {
+    match kind {
+        StreamKind::Depth => StreamName::Depth,
+        StreamKind::Image => StreamName::Image,
+    }
+}
+
+/// Draws only where there is a chance, so that a fault that is off changes no other's luck.
+fn happens(chance: f64, random: &mut Pcg64Mcg) -> bool {
+    chance > 0.0 && random.random_bool(chance.min(1.0))
 }
 
 /// When frame `index` begins, in the camera's time.

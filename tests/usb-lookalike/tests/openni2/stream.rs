@@ -12,6 +12,9 @@ use crate::{CYCLE, SEED};
 /// Exit code of the client where there is no OpenNI2.
 const NOT_INSTALLED: i32 = 3;
 
+/// As much as a busy machine may let lie: pixels are judged here, not haste.
+const FIFO_BYTES: usize = 64 << 20;
+
 /// What is streamed.
 #[derive(Clone, Debug)]
 pub(crate) struct Setting {
@@ -39,13 +42,24 @@ pub(crate) struct Outcome {
     pub(crate) log: Value,
 }
 
+impl Outcome {
+    /// The frames of one sensor.
+    pub(crate) fn from(&self, sensor: u64) -> Vec<Frame> {
+        let frames = self.frames.iter();
+        frames
+            .filter(|frame| frame.sensor == sensor)
+            .cloned()
+            .collect()
+    }
+}
+
 /// Streams; `None` where there is no OpenNI2.
 pub(crate) fn stream(setting: &Setting) -> Option<Outcome> {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| -> PathBuf { folder.path().join(name) };
     library::put_into(folder.path()).unwrap();
     let config = format!(
-        "log = {:?}\n[[camera]]\npersonality = {:?}\npattern_seed = {SEED}\npattern_cycle = {CYCLE}\n{}",
+        "log = {:?}\n[[camera]]\npersonality = {:?}\npattern_seed = {SEED}\npattern_cycle = {CYCLE}\nfifo_bytes = {FIFO_BYTES}\n{}",
         path("log.json"),
         setting.personality,
         setting.camera

@@ -4,4 +4,5 @@ mod conversation;
 mod faults;
 mod golden;
 mod host;
+mod recording;
 mod streams;
