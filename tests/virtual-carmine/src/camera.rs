@@ -50,7 +50,6 @@ pub struct VirtualCarmine {
     memory: Memory,
     faults: Faults,
     random: Pcg64Mcg,
-    darkroom: Darkroom,
     conversation: Conversation,
     clock: Option<DeviceClock>,
     now_nanos: i64,
@@ -69,8 +68,7 @@ impl VirtualCarmine {
         let settings = descriptors::settings(&personality);
         Self {
             random: Pcg64Mcg::seed_from_u64(faults.seed),
-            darkroom: Darkroom::new(film, faults.deviation),
-            memory: Memory::new(personality),
+            memory: Memory::new(personality, Darkroom::new(film, faults.deviation)),
             faults,
             conversation: Conversation::default(),
             clock: None,
@@ -322,7 +320,7 @@ impl VirtualCarmine {
         }
         let mut workshop = Workshop {
             clock: &clock,
-            darkroom: &mut self.darkroom,
+            darkroom: &mut self.memory.darkroom,
             faults: &self.faults,
             random: &mut self.random,
         };

@@ -49,6 +49,15 @@ pub(crate) fn shifts(pattern: &TestPattern, index: u64, width: u32, height: u32)
     words(width, height, |x, y| pattern.shift(index, x, y, false))
 }
 
+pub(crate) fn registered_shifts(
+    pattern: &TestPattern,
+    index: u64,
+    width: u32,
+    height: u32,
+) -> Vec<u8> {
+    words(width, height, |x, y| pattern.shift(index, x, y, true))
+}
+
 /// The largest shift, which is no measurement, as 0.
 pub(crate) fn measured_shifts(
     pattern: &TestPattern,

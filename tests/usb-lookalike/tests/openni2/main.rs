@@ -7,7 +7,10 @@ mod stream;
 
 use std::path::Path;
 
-use expected::{depth_mm, infrared, measured_shifts, mosaic, rgb, shifts, uyvy, yuyv};
+use expected::{
+    depth_mm, infrared, measured_shifts, mosaic, registered_shifts, rgb, shifts, uyvy, yuyv,
+};
+use ps1080::samples::NO_SHIFT;
 use stream::{Frame, Outcome, Setting, stream};
 use virtual_carmine::TestPattern;
 
@@ -75,6 +78,7 @@ fn of(personality: &'static str, streams: &[&'static str]) -> Setting {
         frame_count: 5,
         camera: String::new(),
         does_close: false,
+        registers: false,
     }
 }
 
@@ -90,6 +94,25 @@ fn depth_of_every_format_is_the_table_of_what_was_filmed() {
         let setting = of("carmine-1.08", &[stream]);
         all_are_filmed(&setting, |index| depth_mm(&pattern, index, 320, 240));
     }
+}
+
+#[test]
+fn padding_of_a_registered_picture_is_no_depth() {
+    let pattern = pattern();
+    // Two rows and a half above, one and a half below.
+    let (before, after) = (800, 480);
+    let mut setting = of("carmine-1.08", &["3:3:102:320:240:30"]);
+    setting.registers = true;
+    setting.camera = format!("padding = [{before}, {after}]\n");
+    all_are_filmed(&setting, |index| {
+        let mut bytes = registered_shifts(&pattern, index, 320, 240);
+        let sent = 2 * before..bytes.len() - 2 * after;
+        for unsent in [0..sent.start, sent.end..bytes.len()] {
+            let places = bytes[unsent].as_chunks_mut().0;
+            places.fill(NO_SHIFT.to_le_bytes());
+        }
+        bytes
+    });
 }
 
 #[test]

@@ -26,6 +26,8 @@ pub(crate) struct Setting {
     pub(crate) camera: String,
     /// Whether the device is closed in the end, so that there is a log.
     pub(crate) does_close: bool,
+    /// Whether the camera is asked to register depth to colour.
+    pub(crate) registers: bool,
 }
 
 /// A frame as OpenNI2 decoded it.
@@ -67,6 +69,7 @@ pub(crate) fn stream(setting: &Setting) -> Option<Outcome> {
     std::fs::write(path("cameras.toml"), config).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_openni2-stream"));
     command.args(setting.does_close.then_some("--close"));
+    command.args(setting.registers.then_some("--register"));
     let output = command
         .arg(setting.frame_count.to_string())
         .arg(path("frames"))

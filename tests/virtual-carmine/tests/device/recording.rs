@@ -104,6 +104,8 @@ fn a_recording_is_played_round_and_round() {
     host.bus = Bus::new(VirtualCarmine::new(unit, film, Faults::default()));
     host.set(Parameter::DepthMirror, 0);
     host.set(Parameter::ImageMirror, 0);
+    // The recording has no U and V.
+    host.refuses(Parameter::Stream0Mode, 1);
     host.set(Parameter::ImageFormat, 6);
     host.set(Parameter::Stream1Mode, 2);
     host.set(Parameter::Stream0Mode, 1);
