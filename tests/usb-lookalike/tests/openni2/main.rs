@@ -17,8 +17,7 @@ use virtual_carmine::TestPattern;
 const SEED: u64 = 23;
 /// As many frames as the pattern has before it repeats; a frame that is none of them is wrong.
 const CYCLE: u64 = 8;
-/// Of 30 frames a second.
-const PERIOD_MICROS: u64 = 33_333;
+const SECOND_MICROS: u64 = 1_000_000;
 const INFRARED: u64 = 1;
 const COLOR: u64 = 2;
 const DEPTH: u64 = 3;
@@ -50,7 +49,7 @@ fn count_as_filmed(frames: &[Frame], expected: impl Fn(u64) -> Vec<u8>) -> usize
             continue;
         };
         let is_due = last.is_none_or(|(index, micros)| {
-            let periods = (frame.micros - micros + PERIOD_MICROS / 2) / PERIOD_MICROS;
+            let periods = ((frame.micros - micros) * frame.fps + SECOND_MICROS / 2) / SECOND_MICROS;
             // Without depth the time of infrared stands still; the driver then takes the host's.
             frame.sensor == INFRARED || (index + periods) % CYCLE == found
         });
@@ -92,8 +91,20 @@ fn depth_of_every_format_is_the_table_of_what_was_filmed() {
         "3:4:100:320:240:30",
     ] {
         let setting = of("carmine-1.08", &[stream]);
-        all_are_filmed(&setting, |index| depth_mm(&pattern, index, 320, 240));
+        all_are_filmed(&setting, |index| depth_mm(&pattern, index, 320, 240, 1.0));
     }
+}
+
+#[test]
+fn depth_of_other_sizes_and_rates_has_their_table() {
+    let pattern = pattern();
+    let setting = of("carmine-1.08", &["3:3:100:160:120:30"]);
+    all_are_filmed(&setting, |index| depth_mm(&pattern, index, 160, 120, 1.0));
+    let setting = of("carmine-1.08", &["3:1:100:640:480:30"]);
+    all_are_filmed(&setting, |index| depth_mm(&pattern, index, 640, 480, 1.0));
+    // At 60 frames a second the sensor uses the reference pattern of VGA.
+    let setting = of("carmine-1.08", &["3:3:100:320:240:60"]);
+    all_are_filmed(&setting, |index| depth_mm(&pattern, index, 320, 240, 2.0));
 }
 
 #[test]
@@ -170,7 +181,7 @@ fn older_firmware_streams_too() {
             return;
         };
         let count = count_as_filmed(&outcome.from(DEPTH), |index| {
-            depth_mm(&pattern, index, 320, 240)
+            depth_mm(&pattern, index, 320, 240, 1.0)
         });
         assert_eq!(count, setting.frame_count, "{personality}: depth");
         let count = count_as_filmed(&outcome.from(COLOR), |index| {
@@ -224,7 +235,7 @@ fn a_camera_that_deviates_is_caught() {
         };
         let count = count_as_filmed(&outcome.frames, |index| {
             if is_depth {
-                depth_mm(&pattern, index, 320, 240)
+                depth_mm(&pattern, index, 320, 240, 1.0)
             } else {
                 uyvy(&pattern, index, 320, 240)
             }

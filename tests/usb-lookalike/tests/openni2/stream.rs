@@ -35,6 +35,8 @@ pub(crate) struct Setting {
 pub(crate) struct Frame {
     pub(crate) sensor: u64,
     pub(crate) micros: u64,
+    /// Frames a second that were asked for.
+    pub(crate) fps: u64,
     pub(crate) data: Vec<u8>,
 }
 
@@ -86,13 +88,16 @@ pub(crate) fn stream(setting: &Setting) -> Option<Outcome> {
         "{setting:?}: {}",
         String::from_utf8_lossy(&output.stderr)
     );
-    let frames = parse(&std::fs::read(path("frames")).unwrap());
+    // All streams of a setting have one rate.
+    let fps = setting.streams[0].rsplit(':').next().unwrap();
+    let fps = fps.parse().unwrap();
+    let frames = parse(&std::fs::read(path("frames")).unwrap(), fps);
     let log = std::fs::read_to_string(path("log.json"));
     let log = log.map_or(Value::Null, |text| serde_json::from_str(&text).unwrap());
     Some(Outcome { frames, log })
 }
 
-fn parse(mut bytes: &[u8]) -> Vec<Frame> {
+fn parse(mut bytes: &[u8], fps: u64) -> Vec<Frame> {
     let mut frames = Vec::new();
     while let Some((head, rest)) = bytes.split_first_chunk::<32>() {
         let number = |at: usize| u64::from_le_bytes(head[at..at + 8].try_into().unwrap());
@@ -100,6 +105,7 @@ fn parse(mut bytes: &[u8]) -> Vec<Frame> {
         frames.push(Frame {
             sensor: number(0),
             micros: number(16),
+            fps,
             data: data.to_vec(),
         });
         bytes = rest;
