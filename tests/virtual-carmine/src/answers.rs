@@ -71,33 +71,10 @@ impl Memory {
             }
             Request::GetMode => word(self.unit.mode.code()),
             Request::SetMode { mode } => return self.set_mode(mode),
-            Request::I2cWrite {
-                bus,
-                slave,
-                ref words,
-            } => {
-                self.write_register(bus, slave, words.as_slice())?;
-                Vec::new()
-            }
-            Request::I2cRead {
-                bus,
-                slave,
-                read_count,
-                ref words,
-            } => self.read_register(bus, slave, read_count, words.as_slice())?,
-            Request::ReadAhb { address } => {
-                let value = self.hardware.get(&address).copied().unwrap_or(0);
-                value.to_le_bytes().to_vec()
-            }
-            Request::WriteAhb {
-                address,
-                value,
-                mask,
-            } => {
-                let place = self.hardware.entry(address).or_default();
-                *place = *place & !mask | value & mask;
-                Vec::new()
-            }
+            Request::I2cWrite { .. }
+            | Request::I2cRead { .. }
+            | Request::ReadAhb { .. }
+            | Request::WriteAhb { .. } => self.reach_through(request)?,
             Request::AlgorithmParams {
                 kind,
                 resolution,
@@ -127,6 +104,40 @@ impl Memory {
             | Request::EnableEmitter { .. } => Vec::new(),
         };
         Ok((data, Effect::None))
+    }
+
+    /// Reads and writes of what is behind the camera's processor: sensors and its own hardware.
+    fn reach_through(&mut self, request: &Request) -> Result<Vec<u8>, Nack> {
+        match *request {
+            Request::I2cWrite {
+                bus,
+                slave,
+                ref words,
+            } => {
+                self.write_register(bus, slave, words.as_slice())?;
+                Ok(Vec::new())
+            }
+            Request::I2cRead {
+                bus,
+                slave,
+                read_count,
+                ref words,
+            } => self.read_register(bus, slave, read_count, words.as_slice()),
+            Request::ReadAhb { address } => {
+                let value = self.hardware.get(&address).copied().unwrap_or(0);
+                Ok(value.to_le_bytes().to_vec())
+            }
+            Request::WriteAhb {
+                address,
+                value,
+                mask,
+            } => {
+                let place = self.hardware.entry(address).or_default();
+                *place = *place & !mask | value & mask;
+                Ok(Vec::new())
+            }
+            _ => Err(Nack::InvalidCommand),
+        }
     }
 
     /// Requests of later firmware are unknown.

@@ -51,6 +51,7 @@ mod descriptors;
 mod faults;
 mod fifo;
 mod film;
+mod frame;
 mod pattern;
 mod personality;
 mod recording;

@@ -1,14 +1,15 @@
 //! A stream: frames made by deadline, cut into packets, stored or lost.
 
-use ps1080::stream::{DeviceTicks, HEADER_BYTES, PacketHeader, PacketKind, Packetiser, StreamKind};
+use ps1080::stream::{DeviceTicks, Packetiser, StreamKind};
 use rand::RngExt as _;
 use rand_pcg::Pcg64Mcg;
 
 use crate::clock::DeviceClock;
 use crate::counters::{DeliveredFrame, StreamCounters};
 use crate::darkroom::Darkroom;
-use crate::faults::{Faults, StreamName, Trouble};
+use crate::faults::{Faults, StreamName};
 use crate::fifo::{Fifo, FrameEnd};
+use crate::frame::{Frame, happens};
 use crate::shot::Shot;
 
 const NANOS_PER_SECOND: i64 = 1_000_000_000;
@@ -54,18 +55,6 @@ struct Running {
     last_film_index: u64,
     alarms_sent: usize,
     frame: Option<Frame>,
-}
-
-/// A frame on its way from the sensor: its packets, ready one after the other.
-struct Frame {
-    film_index: u64,
-    stamp: DeviceTicks,
-    begin_device_nanos: i64,
-    readout_nanos: i64,
-    wire: Vec<u8>,
-    packet_ends: Vec<usize>,
-    next_packet: usize,
-    is_whole: bool,
 }
 
 impl Sensor {
@@ -199,16 +188,14 @@ impl Sensor {
             self.last_stamp = workshop.clock.ticks(begin_device_nanos);
         }
         self.counters.frames_filmed += 1;
+        let period_nanos = NANOS_PER_SECOND / i64::from(exposure.fps.max(1));
         let mut frame = Frame {
             film_index,
-            stamp: self.last_stamp,
+            stamp: self.last_stamp.0,
             begin_device_nanos,
-            readout_nanos: NANOS_PER_SECOND / i64::from(exposure.fps.max(1)) * READOUT.0
-                / READOUT.1,
-            wire: Vec::with_capacity(payload.len() + payload.len() / 16 + 64),
-            packet_ends: Vec::new(),
-            next_packet: 0,
+            readout_nanos: period_nanos * READOUT.0 / READOUT.1,
             is_whole: !is_short,
+            ..Frame::default()
         };
         let since_nanos = workshop.clock.host_nanos(begin_device_nanos) - running.started_nanos;
         running.alarms_sent += frame.prepend_alarms(
@@ -218,7 +205,7 @@ impl Sensor {
             running.alarms_sent,
         );
         let padding = exposure.shot.padding();
-        for packet in running.packetiser.frame(payload, padding, frame.stamp) {
+        for packet in running.packetiser.frame(payload, padding, self.last_stamp) {
             self.counters.packets_made += 1;
             frame.append(
                 &packet.header,
@@ -256,7 +243,7 @@ impl Sensor {
             self.is_at_frame_end = true;
             self.fifo.end_frame(FrameEnd {
                 film_index: frame.film_index,
-                ticks: frame.stamp.0,
+                ticks: frame.stamp,
                 ready_nanos,
                 is_whole: frame.is_whole,
             });
@@ -312,98 +299,11 @@ impl Sensor {
     }
 }
 
-impl Frame {
-    /// Puts the alarms that are due before all packets: how many. They have no place in the count of ids.
-    fn prepend_alarms(
-        &mut self,
-        faults: &Faults,
-        stream: StreamName,
-        since_nanos: i64,
-        sent_count: usize,
-    ) -> usize {
-        let own = faults.alarms.iter().filter(|alarm| alarm.stream == stream);
-        let mut count = 0;
-        for alarm in own.skip(sent_count) {
-            if alarm.after_nanos > since_nanos {
-                break;
-            }
-            let header = PacketHeader {
-                kind: match alarm.trouble {
-                    Trouble::Projector => PacketKind::ProjectorFault,
-                    Trouble::Overheat => PacketKind::Overheat,
-                },
-                id: 0,
-                payload_bytes: 0,
-                field: self.stamp.0,
-            };
-            self.wire.extend(header.encode().into_iter().flatten());
-            self.packet_ends.push(self.wire.len());
-            count += 1;
-        }
-        count
-    }
-
-    /// Adds a packet, with the faults that chance gives it.
-    fn append(
-        &mut self,
-        header: &[u8],
-        payload: &[u8],
-        faults: &Faults,
-        random: &mut Pcg64Mcg,
-        counters: &mut StreamCounters,
-    ) {
-        if happens(faults.packet_drop_chance, random) {
-            counters.dropped_packets += 1;
-            self.is_whole = false;
-            return;
-        }
-        let is_double = happens(faults.packet_duplicate_chance, random);
-        let in_header = happens(faults.header_bit_chance, random);
-        let in_payload = happens(faults.payload_bit_chance, random) && !payload.is_empty();
-        let at = self.wire.len();
-        self.wire.extend_from_slice(header);
-        self.wire.extend_from_slice(payload);
-        for (is_flipped, from, to) in [
-            (in_header, at, at + HEADER_BYTES),
-            (in_payload, at + HEADER_BYTES, self.wire.len()),
-        ] {
-            if is_flipped {
-                self.wire[random.random_range(from..to)] ^= 1 << random.random_range(0..8);
-                counters.flipped_packets += 1;
-                self.is_whole = false;
-            }
-        }
-        self.packet_ends.push(self.wire.len());
-        if is_double {
-            counters.duplicated_packets += 1;
-            self.wire.extend_from_within(at..);
-            self.packet_ends.push(self.wire.len());
-        }
-    }
-
-    fn packet(&self, number: usize) -> &[u8] {
-        let before = number.checked_sub(1);
-        let from = before.map_or(0, |before| self.packet_ends[before]);
-        &self.wire[from..self.packet_ends[number]]
-    }
-
-    /// When packet `number` has been read out, in the camera's time: packets follow each other by their bytes.
-    fn packet_nanos(&self, number: usize) -> i64 {
-        let total = self.wire.len().max(1) as i64;
-        self.begin_device_nanos + self.readout_nanos * self.packet_ends[number] as i64 / total
-    }
-}
-
 fn stream_name(kind: StreamKind) -> StreamName {
     match kind {
         StreamKind::Depth => StreamName::Depth,
         StreamKind::Image => StreamName::Image,
     }
-}
-
-/// Draws only where there is a chance, so that a fault that is off changes no other's luck.
-fn happens(chance: f64, random: &mut Pcg64Mcg) -> bool {
-    chance > 0.0 && random.random_bool(chance.min(1.0))
 }
 
 /// When frame `index` begins, in the camera's time.

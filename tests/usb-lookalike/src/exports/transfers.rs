@@ -6,6 +6,7 @@ use std::ffi::c_int;
 use std::mem::size_of;
 use std::{ptr, slice};
 
+use ps1080::usb::TransferKind;
 use virtual_carmine::{Control, Setup, TransferStatus};
 
 use crate::abi::{
@@ -93,8 +94,20 @@ unsafe extern "C" fn libusb_submit_transfer(transfer: *mut Transfer) -> c_int {
     if is_iso && (packets.is_empty() || packets.iter().sum::<usize>() > length) {
         return ERROR_INVALID_PARAM;
     }
+    let what = if is_iso {
+        Order::Isochronous(&packets)
+    } else {
+        Order::Bulk(length)
+    };
+    let code = queue(order, transfer.expose_provenance(), &what);
+    wake_all();
+    code
+}
+
+/// Queues the transfer of the structure at `address`.
+fn queue(order: &Transfer, address: usize, what: &Order<'_>) -> c_int {
     let now = now_nanos();
-    let code = with_world(|world| {
+    with_world(|world| {
         world.pump(now);
         let Some(&handle) = world.handles.get(&number(order.handle)) else {
             return ERROR_NO_DEVICE;
@@ -105,33 +118,25 @@ unsafe extern "C" fn libusb_submit_transfer(transfer: *mut Transfer) -> c_int {
         if camera.bus.camera().is_gone() {
             return ERROR_NO_DEVICE;
         }
-        let kind = camera.bus.camera().transfer_kind();
-        let is_iso_setting = kind == Some(ps1080::usb::TransferKind::Isochronous);
-        if is_iso != is_iso_setting {
+        let is_iso_setting = camera.bus.camera().transfer_kind() == Some(TransferKind::Isochronous);
+        if matches!(what, Order::Isochronous(_)) != is_iso_setting {
             // What the kernel says of a transfer that is not of the endpoint's kind.
             return ERROR_INVALID_PARAM;
         }
-        if world.is_queued(transfer.addr()) {
+        if world.is_queued(address) {
             return ERROR_BUSY;
         }
-        let what = if is_iso {
-            Order::Isochronous(&packets)
-        } else {
-            Order::Bulk(length)
-        };
-        let waiter = Waiter::Callback(transfer.expose_provenance());
+        let waiter = Waiter::Callback(address);
         world.submit(
             now,
             handle,
             order.endpoint,
-            &what,
+            what,
             waiter,
             order.timeout_millis,
         );
         SUCCESS
-    });
-    wake_all();
-    code
+    })
 }
 
 /// A control transfer takes no time: it ends at once, its callback comes with the next events.

@@ -1,14 +1,16 @@
 //! The library as C programs see it: loaded by name, called through its symbols.
 
 mod api;
+mod queue;
 mod symbols;
 
 use std::ffi::c_int;
 
-use api::{Library, Opaque, Queue, host_request};
+use api::{Library, Opaque, host_request};
 use ps1080::host::Request;
 use ps1080::parameter::Parameter;
 use ps1080::stream::{FrameEvent, FrameReceiver, StreamKind};
+use queue::Queue;
 
 const ERROR_ACCESS: c_int = -3;
 const ERROR_NO_DEVICE: c_int = -4;
