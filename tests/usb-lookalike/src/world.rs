@@ -94,7 +94,7 @@ pub(crate) fn with_world<R>(action: impl FnOnce(&mut World) -> R) -> R {
     action(lock().get_or_insert_with(World::new))
 }
 
-/// Wakes all who sleep in [`sleep_until`].
+/// Wakes all who sleep in [`wait_for`].
 pub(crate) fn wake_all() {
     CHANGED.notify_all();
 }

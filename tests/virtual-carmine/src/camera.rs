@@ -64,7 +64,9 @@ pub struct VirtualCarmine {
 impl VirtualCarmine {
     /// A camera that is about to be plugged in.
     pub fn new(personality: Personality, film: Box<dyn Film>, faults: Faults) -> Self {
-        let (packet_bytes, fifo_bytes) = (personality.packet_bytes, personality.fifo_bytes);
+        let packet_bytes = personality.packet_bytes;
+        // A memory that never has room for the next packet beside the last one would lose all.
+        let fifo_bytes = personality.fifo_bytes.max(2 * packet_bytes);
         let settings = descriptors::settings(&personality);
         Self {
             random: Pcg64Mcg::seed_from_u64(faults.seed),

@@ -37,6 +37,10 @@
 //! it · [`Personality`] which unit it is · [`Faults`] what it does wrong · [`Film`] what it sees: [`TestPattern`]
 //! and [`RecordingFilm`] · [`Counters`] what it says of itself.
 //!
+//! Guessed, since no description of a real camera says it: sizes of the FIFO and of isochronous packets, that a transfer
+//! ends with the frame when nothing is left to send, columns of a mirrored mosaic, addresses of the sensors. Not there:
+//! cropping (refused), sound, files in the flash (unknown requests), JPEG but from recordings.
+//!
 //! Invariants: the same calls at the same times give the same bytes; frames are made by deadline whether or not anybody
 //! reads, and what finds no room in the FIFO is lost as whole packets and counted; no bytes from a host make it panic.
 

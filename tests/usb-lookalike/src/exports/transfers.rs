@@ -73,8 +73,10 @@ unsafe extern "C" fn libusb_free_transfer(transfer: *mut Transfer) {
 #[unsafe(no_mangle)]
 unsafe extern "C" fn libusb_submit_transfer(transfer: *mut Transfer) -> c_int {
     // SAFETY: until it is submitted the structure is the caller's, who is here.
-    let order = unsafe { &mut *transfer };
-    order.actual_length = 0;
+    let order = unsafe {
+        (*transfer).actual_length = 0;
+        &*transfer
+    };
     if order.kind == TYPE_CONTROL {
         // SAFETY: the caller's promise about the buffer.
         return unsafe { submit_control(transfer) };
@@ -145,7 +147,7 @@ fn queue(order: &Transfer, address: usize, what: &Order<'_>) -> c_int {
 /// As of [`libusb_submit_transfer`]; the buffer begins with the set-up.
 unsafe fn submit_control(transfer: *mut Transfer) -> c_int {
     // SAFETY: the structure is the caller's.
-    let order = unsafe { &mut *transfer };
+    let order = unsafe { &*transfer };
     let length = usize::try_from(order.length).unwrap_or(0);
     if order.buffer.is_null() || length < CONTROL_SETUP_BYTES {
         return ERROR_INVALID_PARAM;
@@ -211,23 +213,22 @@ pub(super) fn finish(ended: Ended) {
     // SAFETY: a submitted structure and its buffer stay until the callback, which is called here and only here; the bus
     // never fills more than was asked for.
     unsafe {
-        let order = &mut *transfer;
-        order.status = status_code(ended.transfer.status, ended.has_timed_out);
+        (*transfer).status = status_code(ended.transfer.status, ended.has_timed_out);
         let data = ended.transfer.data.as_slice();
-        if order.kind == TYPE_ISOCHRONOUS {
+        let kind = (*transfer).kind;
+        if kind == TYPE_ISOCHRONOUS {
             spread(transfer, &ended.transfer);
         } else {
-            let setup_bytes = if order.kind == TYPE_CONTROL {
+            let setup_bytes = if kind == TYPE_CONTROL {
                 CONTROL_SETUP_BYTES
             } else {
                 0
             };
-            let place = order.buffer.add(setup_bytes);
+            let place = (*transfer).buffer.add(setup_bytes);
             place.copy_from_nonoverlapping(data.as_ptr(), data.len());
-            order.actual_length = data.len() as c_int;
+            (*transfer).actual_length = data.len() as c_int;
         }
-        let flags = order.flags;
-        let callback = order.callback;
+        let (flags, callback) = ((*transfer).flags, (*transfer).callback);
         with_world(|world| world.recycle(ended.camera, ended.transfer));
         if let Some(callback) = callback {
             callback(transfer);

@@ -108,6 +108,26 @@ fn depth_of_other_sizes_and_rates_has_their_table() {
 }
 
 #[test]
+fn packets_of_any_size_make_the_same_picture() {
+    let pattern = pattern();
+    for packet_bytes in [512, 1_000, 65_512] {
+        let mut setting = of("carmine-1.08", &["3:3:102:640:480:30"]);
+        setting.camera = format!("packet_bytes = {packet_bytes}\n");
+        all_are_filmed(&setting, |index| shifts(&pattern, index, 640, 480));
+    }
+}
+
+#[test]
+fn what_section_10_says_that_the_driver_tolerates_is_tolerated() {
+    let pattern = pattern();
+    let mut setting = of("carmine-1.08", &["3:3:102:320:240:30"]);
+    setting.camera = "[camera.faults]\nempty_replies = 2\ngarbage_bytes = 5\nstale_replies = 3\n\
+        refusals = [{ opcode = 5, error = 13, count = 1 }]\ntransfer_split_chance = 0.3\n"
+        .to_owned();
+    all_are_filmed(&setting, |index| shifts(&pattern, index, 320, 240));
+}
+
+#[test]
 fn padding_of_a_registered_picture_is_no_depth() {
     let pattern = pattern();
     // Two rows and a half above, one and a half below.
