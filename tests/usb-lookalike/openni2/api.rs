@@ -12,6 +12,8 @@ const RTLD_NOW: c_int = 2;
 const WAIT_MILLIS: c_int = 3_000;
 
 const PROPERTY_VIDEO_MODE: c_int = 3;
+/// Of a device: depth to colour by the camera.
+const PROPERTY_REGISTRATION: c_int = 5;
 const PROPERTY_MIRRORING: c_int = 7;
 /// Format on the wire, of the driver of PrimeSense cameras; a 64-bit number.
 const PROPERTY_INPUT_FORMAT: c_int = 0x1080_0001;
@@ -56,6 +58,7 @@ pub(crate) struct Api {
     shutdown: extern "C" fn(),
     device_open: unsafe extern "C" fn(*const c_char, *mut Opaque) -> c_int,
     device_close: unsafe extern "C" fn(Opaque) -> c_int,
+    set_device_property: unsafe extern "C" fn(Opaque, c_int, *const c_void, c_int) -> c_int,
     enable_sync: unsafe extern "C" fn(Opaque) -> c_int,
     create_stream: unsafe extern "C" fn(Opaque, c_int, *mut Opaque) -> c_int,
     destroy_stream: unsafe extern "C" fn(Opaque),
@@ -107,6 +110,7 @@ pub(crate) fn load() -> Option<Api> {
             shutdown: symbol(library, c"oniShutdown")?,
             device_open: symbol(library, c"oniDeviceOpen")?,
             device_close: symbol(library, c"oniDeviceClose")?,
+            set_device_property: symbol(library, c"oniDeviceSetProperty")?,
             enable_sync: symbol(library, c"oniDeviceEnableDepthColorSync")?,
             create_stream: symbol(library, c"oniDeviceCreateStream")?,
             destroy_stream: symbol(library, c"oniStreamDestroy")?,
@@ -167,6 +171,17 @@ impl Device {
         let status = unsafe { (api.device_open)(ptr::null(), &raw mut handle) };
         api.check("open", status)?;
         Ok(Self { api, handle })
+    }
+
+    pub(crate) fn register(&self) -> Result<(), String> {
+        let on: c_int = 1;
+        let size = size_of::<c_int>() as c_int;
+        let value = (&raw const on).cast();
+        // SAFETY: the device is open; the value has the size that is said.
+        let status = unsafe {
+            (self.api.set_device_property)(self.handle, PROPERTY_REGISTRATION, value, size)
+        };
+        self.api.check("register", status)
     }
 
     pub(crate) fn synchronise(&self) -> Result<(), String> {

@@ -2,8 +2,9 @@
 //!
 //! `openni2-stream FRAMES OUT STREAM...` with STREAM = `SENSOR:INPUT:PIXELS:WIDTH:HEIGHT:FPS`, numbers as OpenNI2 has
 //! them (sensor 1 infrared, 2 colour, 3 depth; INPUT the format on the wire). Depth and colour together are asked to be
-//! synchronous. Mirroring is off. With `--close` before all, streams are stopped and the device is closed, which takes
-//! that driver a second for each. Exit code 3: there is no OpenNI2.
+//! synchronous. Mirroring is off. First of all may stand `--register`: the camera is asked to register depth to colour; and
+//! `--close`: streams are stopped and the device is closed, which takes that driver a second for each. Exit code 3: there
+//! is no OpenNI2.
 
 mod api;
 
@@ -15,11 +16,12 @@ use api::{Device, Stream, StreamRequest};
 
 fn main() -> ExitCode {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
-    let does_close = arguments.first().is_some_and(|first| first == "--close");
-    if does_close {
-        arguments.remove(0);
-    }
-    match run(&arguments, does_close) {
+    let mut is_asked = |option: &str| {
+        let place = arguments.iter().position(|argument| argument == option);
+        place.map(|place| arguments.remove(place)).is_some()
+    };
+    let (does_close, registers) = (is_asked("--close"), is_asked("--register"));
+    match run(&arguments, does_close, registers) {
         Ok(code) => ExitCode::from(code),
         Err(error) => {
             eprintln!("openni2-stream: {error}");
@@ -28,7 +30,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(arguments: &[String], does_close: bool) -> Result<u8, String> {
+fn run(arguments: &[String], does_close: bool, registers: bool) -> Result<u8, String> {
     let [count, out, streams @ ..] = arguments else {
         return Err("FRAMES OUT STREAM...".to_owned());
     };
@@ -45,6 +47,9 @@ fn run(arguments: &[String], does_close: bool) -> Result<u8, String> {
     let mut streams = Vec::new();
     for request in &requests {
         streams.push(device.create(request)?);
+    }
+    if registers {
+        device.register()?;
     }
     if streams.len() > 1 {
         device.synchronise()?;

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use ps1080::mode::CameraMode;
+use ps1080::stream::Padding;
 use serde::Deserialize;
 use virtual_carmine::{Faults, Film, Personality, RecordingFilm, TestPattern, VirtualCarmine};
 
@@ -53,6 +54,8 @@ pub struct CameraConfig {
     pub skew_nanos: Option<i64>,
     /// Instead of the personality's number.
     pub synced_skew_nanos: Option<i64>,
+    /// Pixels that are not sent while the camera registers: before the others, after them.
+    pub padding: Option<[u16; 2]>,
     /// What goes wrong.
     pub faults: Faults,
 }
@@ -75,6 +78,7 @@ impl Default for CameraConfig {
             fifo_bytes: None,
             skew_nanos: None,
             synced_skew_nanos: None,
+            padding: None,
             faults: Faults::default(),
         }
     }
@@ -119,6 +123,9 @@ impl CameraConfig {
         unit.fifo_bytes = self.fifo_bytes.unwrap_or(unit.fifo_bytes);
         unit.skew_nanos = self.skew_nanos.unwrap_or(unit.skew_nanos);
         unit.synced_skew_nanos = self.synced_skew_nanos.unwrap_or(unit.synced_skew_nanos);
+        if let Some([before, after]) = self.padding {
+            unit.padding = Padding { before, after };
+        }
         let film: Box<dyn Film> = match &self.recording {
             None => Box::new(TestPattern::with_cycle(
                 self.pattern_seed,

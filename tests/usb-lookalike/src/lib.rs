@@ -7,7 +7,7 @@
 //!
 //! ```
 //! let text = r#"
-//! log = "/tmp/cameras.json"
+//! log = "cameras.json"
 //! [[camera]]
 //! personality = "carmine-1.09"
 //! pattern_seed = 7

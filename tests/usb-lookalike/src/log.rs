@@ -29,9 +29,9 @@ pub(crate) fn camera(camera: &VirtualCarmine, unplugged_nanos: Option<i64>) -> V
     })
 }
 
-/// Writes the file; a failure is said on standard error, since there is nobody else to tell.
-pub(crate) fn write(path: &Path, cameras: &[Value]) {
-    let text = json!({ "cameras": cameras }).to_string();
+/// Writes the file, with the processor time that the cameras took of the process that they are in; a failure is said on standard error, since there is nobody else to tell.
+pub(crate) fn write(path: &Path, cameras: &[Value], cpu_nanos: i64) {
+    let text = json!({ "cameras": cameras, "camera_cpu_nanos": cpu_nanos }).to_string();
     let beside = path.with_extension("part");
     let written = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, path));
     if let Err(error) = written {

@@ -17,7 +17,11 @@ pub(crate) const DEFAULT_CONTEXT: u64 = 1;
 
 /// Nanoseconds of `CLOCK_MONOTONIC`.
 pub(crate) fn now_nanos() -> i64 {
-    let time = clock_gettime(ClockId::Monotonic);
+    nanos_of(ClockId::Monotonic)
+}
+
+fn nanos_of(clock: ClockId) -> i64 {
+    let time = clock_gettime(clock);
     time.tv_sec * 1_000_000_000 + time.tv_nsec
 }
 
@@ -28,6 +32,8 @@ pub(crate) struct World {
     contexts: BTreeMap<u64, VecDeque<Ended>>,
     pub(crate) handles: BTreeMap<u64, Handle>,
     queued: BTreeMap<u64, Queued>,
+    /// Processor time that cameras have cost, which is not the host's.
+    cpu_nanos: i64,
     /// Contexts whose waiting is to end.
     interrupted: BTreeSet<u64>,
     last_number: u64,
@@ -88,7 +94,7 @@ pub(crate) fn with_world<R>(action: impl FnOnce(&mut World) -> R) -> R {
     action(lock().get_or_insert_with(World::new))
 }
 
-/// Wakes all who sleep in [`sleep_until`].
+/// Wakes all who sleep in [`wait_for`].
 pub(crate) fn wake_all() {
     CHANGED.notify_all();
 }
@@ -145,6 +151,7 @@ impl World {
             contexts: BTreeMap::from([(DEFAULT_CONTEXT, VecDeque::new())]),
             handles: BTreeMap::new(),
             queued: BTreeMap::new(),
+            cpu_nanos: 0,
             interrupted: BTreeSet::new(),
             last_number: DEFAULT_CONTEXT,
         }
@@ -263,6 +270,12 @@ impl World {
 
     /// Lets time pass in all cameras that have been opened; sorts what has ended.
     pub(crate) fn pump(&mut self, now_nanos: i64) {
+        let before_nanos = nanos_of(ClockId::ThreadCPUTime);
+        self.let_time_pass(now_nanos);
+        self.cpu_nanos += nanos_of(ClockId::ThreadCPUTime) - before_nanos;
+    }
+
+    fn let_time_pass(&mut self, now_nanos: i64) {
         self.time_out(now_nanos);
         for index in 0..self.cameras.len() {
             let camera = &mut self.cameras[index];
@@ -374,7 +387,7 @@ impl World {
         let cameras: Vec<_> = cameras
             .map(|camera| log::camera(camera.bus.camera(), camera.unplugged_nanos))
             .collect();
-        log::write(path, &cameras);
+        log::write(path, &cameras, self.cpu_nanos);
     }
 }
 

@@ -10,6 +10,7 @@ use ps1080::host::{AlgorithmKind, Nack, Request};
 use ps1080::mode::{CameraMode, Cmos, Resolution};
 use ps1080::stream::TickRate;
 
+use crate::darkroom::Darkroom;
 use crate::personality::Personality;
 use crate::settings::Settings;
 
@@ -32,10 +33,10 @@ pub(crate) enum Effect {
 pub(crate) type Answer = Result<(Vec<u8>, Effect), Nack>;
 
 /// All that requests read and write.
-#[derive(Debug)]
 pub(crate) struct Memory {
     pub(crate) unit: Personality,
     pub(crate) settings: Settings,
+    pub(crate) darkroom: Darkroom,
     /// Registers of sensors, by bus, address and register.
     registers: BTreeMap<(u16, u16, u16), u16>,
     hardware: BTreeMap<u32, u32>,
@@ -43,10 +44,11 @@ pub(crate) struct Memory {
 }
 
 impl Memory {
-    pub(crate) fn new(unit: Personality) -> Self {
+    pub(crate) fn new(unit: Personality, darkroom: Darkroom) -> Self {
         Self {
             unit,
             settings: Settings::new(),
+            darkroom,
             registers: BTreeMap::new(),
             hardware: BTreeMap::new(),
             blanking: [BLANKING_UNITS; 2],
@@ -69,33 +71,10 @@ impl Memory {
             }
             Request::GetMode => word(self.unit.mode.code()),
             Request::SetMode { mode } => return self.set_mode(mode),
-            Request::I2cWrite {
-                bus,
-                slave,
-                ref words,
-            } => {
-                self.write_register(bus, slave, words.as_slice())?;
-                Vec::new()
-            }
-            Request::I2cRead {
-                bus,
-                slave,
-                read_count,
-                ref words,
-            } => self.read_register(bus, slave, read_count, words.as_slice())?,
-            Request::ReadAhb { address } => {
-                let value = self.hardware.get(&address).copied().unwrap_or(0);
-                value.to_le_bytes().to_vec()
-            }
-            Request::WriteAhb {
-                address,
-                value,
-                mask,
-            } => {
-                let place = self.hardware.entry(address).or_default();
-                *place = *place & !mask | value & mask;
-                Vec::new()
-            }
+            Request::I2cWrite { .. }
+            | Request::I2cRead { .. }
+            | Request::ReadAhb { .. }
+            | Request::WriteAhb { .. } => self.reach_through(request)?,
             Request::AlgorithmParams {
                 kind,
                 resolution,
@@ -127,6 +106,40 @@ impl Memory {
         Ok((data, Effect::None))
     }
 
+    /// Reads and writes of what is behind the camera's processor: sensors and its own hardware.
+    fn reach_through(&mut self, request: &Request) -> Result<Vec<u8>, Nack> {
+        match *request {
+            Request::I2cWrite {
+                bus,
+                slave,
+                ref words,
+            } => {
+                self.write_register(bus, slave, words.as_slice())?;
+                Ok(Vec::new())
+            }
+            Request::I2cRead {
+                bus,
+                slave,
+                read_count,
+                ref words,
+            } => self.read_register(bus, slave, read_count, words.as_slice()),
+            Request::ReadAhb { address } => {
+                let value = self.hardware.get(&address).copied().unwrap_or(0);
+                Ok(value.to_le_bytes().to_vec())
+            }
+            Request::WriteAhb {
+                address,
+                value,
+                mask,
+            } => {
+                let place = self.hardware.entry(address).or_default();
+                *place = *place & !mask | value & mask;
+                Ok(Vec::new())
+            }
+            _ => Err(Nack::InvalidCommand),
+        }
+    }
+
     /// Requests of later firmware are unknown.
     fn must_have(&self, request: &Request) -> Result<(), Nack> {
         let feature = match request {
@@ -147,6 +160,17 @@ impl Memory {
         let mut settings = self.settings.clone();
         for pair in pairs.chunks_exact(2) {
             settings.write(pair[0], pair[1], &self.unit)?;
+        }
+        let before = &self.settings;
+        let has_new_depth = settings.has_depth() && !before.has_depth();
+        let has_new_image = settings.image_mode() != 0 && before.image_mode() == 0;
+        let shots = [
+            has_new_depth.then(|| settings.depth_shot(&self.unit)),
+            has_new_image.then(|| settings.image_shot(&self.unit)),
+        ];
+        for (shot, _) in shots.into_iter().flatten().flatten() {
+            // A film of other pictures than the wanted ones is a sensor without the mode.
+            self.darkroom.payload(shot, 0).ok_or(Nack::BadParameters)?;
         }
         self.settings = settings;
         Ok((Vec::new(), Effect::Streams))

@@ -50,7 +50,6 @@ pub struct VirtualCarmine {
     memory: Memory,
     faults: Faults,
     random: Pcg64Mcg,
-    darkroom: Darkroom,
     conversation: Conversation,
     clock: Option<DeviceClock>,
     now_nanos: i64,
@@ -65,12 +64,13 @@ pub struct VirtualCarmine {
 impl VirtualCarmine {
     /// A camera that is about to be plugged in.
     pub fn new(personality: Personality, film: Box<dyn Film>, faults: Faults) -> Self {
-        let (packet_bytes, fifo_bytes) = (personality.packet_bytes, personality.fifo_bytes);
+        let packet_bytes = personality.packet_bytes;
+        // A memory that never has room for the next packet beside the last one would lose all.
+        let fifo_bytes = personality.fifo_bytes.max(2 * packet_bytes);
         let settings = descriptors::settings(&personality);
         Self {
             random: Pcg64Mcg::seed_from_u64(faults.seed),
-            darkroom: Darkroom::new(film, faults.deviation),
-            memory: Memory::new(personality),
+            memory: Memory::new(personality, Darkroom::new(film, faults.deviation)),
             faults,
             conversation: Conversation::default(),
             clock: None,
@@ -322,7 +322,7 @@ impl VirtualCarmine {
         }
         let mut workshop = Workshop {
             clock: &clock,
-            darkroom: &mut self.darkroom,
+            darkroom: &mut self.memory.darkroom,
             faults: &self.faults,
             random: &mut self.random,
         };

@@ -39,6 +39,10 @@ pub struct StreamCounters {
     pub duplicated_packets: u64,
     /// Packets in which a fault flipped a bit.
     pub flipped_packets: u64,
+    /// Frames that a fault ended early.
+    pub shortened_frames: u64,
+    /// Frames that a fault filmed twice.
+    pub repeated_frames: u64,
     /// Bytes that the host took.
     pub delivered_bytes: u64,
 }

@@ -32,6 +32,12 @@ pub struct Faults {
     pub header_bit_chance: f64,
     /// Chance of a packet to have a bit of its payload flipped. No raw format can notice it.
     pub payload_bit_chance: f64,
+    /// Chance of a frame to end early, with an END packet as if it were whole.
+    pub short_frame_chance: f64,
+    /// Chance of a frame to be the one before once more, under a stamp of its own.
+    pub repeat_frame_chance: f64,
+    /// Packets that say that the camera is in trouble.
+    pub alarms: Vec<Alarm>,
     /// The endpoint gives nothing for a time, while the sensor goes on.
     pub stalls: Vec<Stall>,
     /// By how much the camera's clock is fast, in millionths.
@@ -70,6 +76,28 @@ pub struct Stall {
     pub after_nanos: i64,
     /// For so long.
     pub length_nanos: i64,
+}
+
+/// A packet between two frames that is no part of either.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Alarm {
+    /// On this stream.
+    pub stream: StreamName,
+    /// So long after the stream was switched on, before the frame that begins then.
+    pub after_nanos: i64,
+    /// What it says.
+    pub trouble: Trouble,
+}
+
+/// What is wrong with the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Trouble {
+    /// The projector has failed.
+    Projector,
+    /// It is too hot.
+    Overheat,
 }
 
 /// A stream, as configuration names it.

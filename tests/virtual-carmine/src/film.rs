@@ -18,7 +18,7 @@ pub enum ColorLayout {
 ///
 /// The number that a function is given is the rest after division by [`Film::cycle`].
 ///
-/// A function that returns false has no such picture; the stream then stays silent.
+/// A function that returns false has no such picture; the camera then refuses to switch the stream on.
 pub trait Film: Send {
     /// Shifts (0 to 2047, 2047 and 0 are no measurement), row by row; `registered`: as the image sensor sees them.
     fn depth(

@@ -37,6 +37,10 @@
 //! it · [`Personality`] which unit it is · [`Faults`] what it does wrong · [`Film`] what it sees: [`TestPattern`]
 //! and [`RecordingFilm`] · [`Counters`] what it says of itself.
 //!
+//! Guessed, since no description of a real camera says it: sizes of the FIFO and of isochronous packets, that a transfer
+//! ends with the frame when nothing is left to send, columns of a mirrored mosaic, addresses of the sensors. Not there:
+//! cropping (refused), sound, files in the flash (unknown requests), JPEG but from recordings.
+//!
 //! Invariants: the same calls at the same times give the same bytes; frames are made by deadline whether or not anybody
 //! reads, and what finds no room in the FIFO is lost as whole packets and counted; no bytes from a host make it panic.
 
@@ -51,6 +55,7 @@ mod descriptors;
 mod faults;
 mod fifo;
 mod film;
+mod frame;
 mod pattern;
 mod personality;
 mod recording;
@@ -62,7 +67,7 @@ mod usb;
 pub use bus::{Bus, Transfer, TransferStatus};
 pub use camera::{Read, VirtualCarmine};
 pub use counters::{Counters, DeliveredFrame, StreamCounters};
-pub use faults::{Deviation, Faults, Refusal, Stall, StreamName};
+pub use faults::{Alarm, Deviation, Faults, Refusal, Stall, StreamName, Trouble};
 pub use film::{ColorLayout, Film};
 pub use pattern::TestPattern;
 pub use personality::Personality;

@@ -39,9 +39,9 @@ pub struct Personality {
     pub padding: Padding,
     /// Bytes of a block in one reply, at most 502, a multiple of 4.
     pub block_part_bytes: usize,
-    /// Bytes of a packet, header included.
+    /// Bytes of a packet, header included: 13 to 65 535.
     pub packet_bytes: usize,
-    /// Bytes that the memory of a stream holds. A guess: nobody has measured it.
+    /// Bytes that the memory of a stream holds, at least two packets. A guess: nobody has measured it.
     pub fifo_bytes: usize,
     /// Ticks of the counter per microsecond.
     pub ticks_per_microsecond: u32,

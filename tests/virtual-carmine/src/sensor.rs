@@ -1,14 +1,15 @@
 //! A stream: frames made by deadline, cut into packets, stored or lost.
 
-use ps1080::stream::{DeviceTicks, HEADER_BYTES, Packetiser, StreamKind};
+use ps1080::stream::{DeviceTicks, Packetiser, StreamKind};
 use rand::RngExt as _;
 use rand_pcg::Pcg64Mcg;
 
 use crate::clock::DeviceClock;
 use crate::counters::{DeliveredFrame, StreamCounters};
 use crate::darkroom::Darkroom;
-use crate::faults::Faults;
+use crate::faults::{Faults, StreamName};
 use crate::fifo::{Fifo, FrameEnd};
+use crate::frame::{Frame, happens};
 use crate::shot::Shot;
 
 const NANOS_PER_SECOND: i64 = 1_000_000_000;
@@ -51,19 +52,9 @@ struct Running {
     packetiser: Packetiser,
     started_nanos: i64,
     next_index: i64,
+    last_film_index: u64,
+    alarms_sent: usize,
     frame: Option<Frame>,
-}
-
-/// A frame on its way from the sensor: its packets, ready one after the other.
-struct Frame {
-    film_index: u64,
-    stamp: DeviceTicks,
-    begin_device_nanos: i64,
-    readout_nanos: i64,
-    wire: Vec<u8>,
-    packet_ends: Vec<usize>,
-    next_packet: usize,
-    is_whole: bool,
 }
 
 impl Sensor {
@@ -94,6 +85,8 @@ impl Sensor {
             packetiser,
             started_nanos: now_nanos,
             next_index: grid_index(clock.device_nanos(first_nanos), exposure),
+            last_film_index: 0,
+            alarms_sent: 0,
             frame: None,
         });
     }
@@ -174,33 +167,50 @@ impl Sensor {
         };
         let exposure = running.exposure;
         let begin_device_nanos = grid_nanos(running.next_index, exposure);
-        let film_index = running.next_index.max(0).cast_unsigned();
+        let mut film_index = running.next_index.max(0).cast_unsigned();
         running.next_index += 1;
+        let faults = workshop.faults;
+        if happens(faults.repeat_frame_chance, workshop.random) && self.counters.frames_filmed > 0 {
+            film_index = running.last_film_index;
+            self.counters.repeated_frames += 1;
+        }
         let Some(payload) = workshop.darkroom.payload(exposure.shot, film_index) else {
             return;
         };
+        running.last_film_index = film_index;
+        let mut payload = &payload[..];
+        let is_short = happens(faults.short_frame_chance, workshop.random);
+        if is_short {
+            payload = &payload[..workshop.random.random_range(0..payload.len().max(1))];
+            self.counters.shortened_frames += 1;
+        }
         if !exposure.has_frozen_stamp {
             self.last_stamp = workshop.clock.ticks(begin_device_nanos);
         }
         self.counters.frames_filmed += 1;
+        let period_nanos = NANOS_PER_SECOND / i64::from(exposure.fps.max(1));
         let mut frame = Frame {
             film_index,
-            stamp: self.last_stamp,
+            stamp: self.last_stamp.0,
             begin_device_nanos,
-            readout_nanos: NANOS_PER_SECOND / i64::from(exposure.fps.max(1)) * READOUT.0
-                / READOUT.1,
-            wire: Vec::with_capacity(payload.len() + payload.len() / 16 + 64),
-            packet_ends: Vec::new(),
-            next_packet: 0,
-            is_whole: true,
+            readout_nanos: period_nanos * READOUT.0 / READOUT.1,
+            is_whole: !is_short,
+            ..Frame::default()
         };
+        let since_nanos = workshop.clock.host_nanos(begin_device_nanos) - running.started_nanos;
+        running.alarms_sent += frame.prepend_alarms(
+            faults,
+            stream_name(self.kind),
+            since_nanos,
+            running.alarms_sent,
+        );
         let padding = exposure.shot.padding();
-        for packet in running.packetiser.frame(&payload, padding, frame.stamp) {
+        for packet in running.packetiser.frame(payload, padding, self.last_stamp) {
             self.counters.packets_made += 1;
             frame.append(
                 &packet.header,
                 packet.payload,
-                workshop.faults,
+                faults,
                 workshop.random,
                 &mut self.counters,
             );
@@ -233,7 +243,7 @@ impl Sensor {
             self.is_at_frame_end = true;
             self.fifo.end_frame(FrameEnd {
                 film_index: frame.film_index,
-                ticks: frame.stamp.0,
+                ticks: frame.stamp,
                 ready_nanos,
                 is_whole: frame.is_whole,
             });
@@ -243,12 +253,8 @@ impl Sensor {
 
     /// Until when the endpoint is silent on demand.
     pub(crate) fn stalled_until_nanos(&self, now_nanos: i64, faults: &Faults) -> Option<i64> {
-        use crate::faults::StreamName;
         let since_nanos = now_nanos - self.running.as_ref()?.started_nanos;
-        let name = match self.kind {
-            StreamKind::Depth => StreamName::Depth,
-            StreamKind::Image => StreamName::Image,
-        };
+        let name = stream_name(self.kind);
         let stalls = faults.stalls.iter().filter(|stall| stall.stream == name);
         stalls
             .map(|stall| (stall.after_nanos, stall.after_nanos + stall.length_nanos))
@@ -293,56 +299,10 @@ impl Sensor {
     }
 }
 
-impl Frame {
-    /// Adds a packet, with the faults that chance gives it.
-    fn append(
-        &mut self,
-        header: &[u8],
-        payload: &[u8],
-        faults: &Faults,
-        random: &mut Pcg64Mcg,
-        counters: &mut StreamCounters,
-    ) {
-        let mut happens = |chance: f64| chance > 0.0 && random.random_bool(chance.min(1.0));
-        if happens(faults.packet_drop_chance) {
-            counters.dropped_packets += 1;
-            self.is_whole = false;
-            return;
-        }
-        let is_double = happens(faults.packet_duplicate_chance);
-        let in_header = happens(faults.header_bit_chance);
-        let in_payload = happens(faults.payload_bit_chance) && !payload.is_empty();
-        let at = self.wire.len();
-        self.wire.extend_from_slice(header);
-        self.wire.extend_from_slice(payload);
-        for (is_flipped, from, to) in [
-            (in_header, at, at + HEADER_BYTES),
-            (in_payload, at + HEADER_BYTES, self.wire.len()),
-        ] {
-            if is_flipped {
-                self.wire[random.random_range(from..to)] ^= 1 << random.random_range(0..8);
-                counters.flipped_packets += 1;
-                self.is_whole = false;
-            }
-        }
-        self.packet_ends.push(self.wire.len());
-        if is_double {
-            counters.duplicated_packets += 1;
-            self.wire.extend_from_within(at..);
-            self.packet_ends.push(self.wire.len());
-        }
-    }
-
-    fn packet(&self, number: usize) -> &[u8] {
-        let before = number.checked_sub(1);
-        let from = before.map_or(0, |before| self.packet_ends[before]);
-        &self.wire[from..self.packet_ends[number]]
-    }
-
-    /// When packet `number` has been read out, in the camera's time: packets follow each other by their bytes.
-    fn packet_nanos(&self, number: usize) -> i64 {
-        let total = self.wire.len().max(1) as i64;
-        self.begin_device_nanos + self.readout_nanos * self.packet_ends[number] as i64 / total
+fn stream_name(kind: StreamKind) -> StreamName {
+    match kind {
+        StreamKind::Depth => StreamName::Depth,
+        StreamKind::Image => StreamName::Image,
     }
 }
 

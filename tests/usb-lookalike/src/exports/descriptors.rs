@@ -74,62 +74,14 @@ impl Tree {
         let mut settings: Vec<Vec<InterfaceDescriptor>> = Vec::new();
         let mut endpoints: Vec<Vec<EndpointDescriptor>> = Vec::new();
         for piece in pieces(bytes) {
-            match *piece {
-                [
-                    l,
-                    k @ INTERFACE_KIND,
-                    number,
-                    alternate,
-                    endpoint_count,
-                    class,
-                    sub,
-                    protocol,
-                    text,
-                    ..,
-                ] => {
-                    if alternate == 0 {
-                        settings.push(Vec::new());
-                    }
-                    endpoints.push(Vec::new());
-                    settings.last_mut()?.push(InterfaceDescriptor {
-                        length: l,
-                        descriptor_type: k,
-                        number,
-                        alternate,
-                        endpoint_count,
-                        class,
-                        subclass: sub,
-                        protocol,
-                        text_index: text,
-                        endpoints: ptr::null(),
-                        extra: ptr::null(),
-                        extra_length: 0,
-                    });
+            if let Some(setting) = interface(piece) {
+                if setting.alternate == 0 {
+                    settings.push(Vec::new());
                 }
-                [
-                    l,
-                    k @ ENDPOINT_KIND,
-                    address,
-                    attributes,
-                    size0,
-                    size1,
-                    interval,
-                    ..,
-                ] => {
-                    endpoints.last_mut()?.push(EndpointDescriptor {
-                        length: l,
-                        descriptor_type: k,
-                        address,
-                        attributes,
-                        max_packet_size: u16::from_le_bytes([size0, size1]),
-                        interval,
-                        refresh: 0,
-                        synch_address: 0,
-                        extra: ptr::null(),
-                        extra_length: 0,
-                    });
-                }
-                _ => {}
+                endpoints.push(Vec::new());
+                settings.last_mut()?.push(setting);
+            } else if let Some(one) = endpoint(piece) {
+                endpoints.last_mut()?.push(one);
             }
         }
         let all = settings.iter_mut().flatten();
@@ -163,6 +115,66 @@ impl Tree {
             endpoints,
         }))
     }
+}
+
+fn interface(piece: &[u8]) -> Option<InterfaceDescriptor> {
+    let &[
+        length,
+        kind @ INTERFACE_KIND,
+        number,
+        alternate,
+        count,
+        class,
+        sub,
+        protocol,
+        text,
+        ..,
+    ] = piece
+    else {
+        return None;
+    };
+    Some(InterfaceDescriptor {
+        length,
+        descriptor_type: kind,
+        number,
+        alternate,
+        endpoint_count: count,
+        class,
+        subclass: sub,
+        protocol,
+        text_index: text,
+        endpoints: ptr::null(),
+        extra: ptr::null(),
+        extra_length: 0,
+    })
+}
+
+fn endpoint(piece: &[u8]) -> Option<EndpointDescriptor> {
+    let &[
+        length,
+        kind @ ENDPOINT_KIND,
+        address,
+        attributes,
+        size0,
+        size1,
+        interval,
+        ..,
+    ] = piece
+    else {
+        return None;
+    };
+    Some(EndpointDescriptor {
+        length,
+        descriptor_type: kind,
+        address,
+        attributes,
+        max_packet_size: u16::from_le_bytes([size0, size1]),
+        interval,
+        refresh: 0,
+        synch_address: 0,
+        extra: ptr::null(),
+        extra_length: 0,
+    })
 }
 
 fn bytes_of(device: Opaque, value: u16) -> Option<Vec<u8>> {

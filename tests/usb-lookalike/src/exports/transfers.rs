@@ -6,6 +6,7 @@ use std::ffi::c_int;
 use std::mem::size_of;
 use std::{ptr, slice};
 
+use ps1080::usb::TransferKind;
 use virtual_carmine::{Control, Setup, TransferStatus};
 
 use crate::abi::{
@@ -72,8 +73,10 @@ unsafe extern "C" fn libusb_free_transfer(transfer: *mut Transfer) {
 #[unsafe(no_mangle)]
 unsafe extern "C" fn libusb_submit_transfer(transfer: *mut Transfer) -> c_int {
     // SAFETY: until it is submitted the structure is the caller's, who is here.
-    let order = unsafe { &mut *transfer };
-    order.actual_length = 0;
+    let order = unsafe {
+        (*transfer).actual_length = 0;
+        &*transfer
+    };
     if order.kind == TYPE_CONTROL {
         // SAFETY: the caller's promise about the buffer.
         return unsafe { submit_control(transfer) };
@@ -93,8 +96,20 @@ unsafe extern "C" fn libusb_submit_transfer(transfer: *mut Transfer) -> c_int {
     if is_iso && (packets.is_empty() || packets.iter().sum::<usize>() > length) {
         return ERROR_INVALID_PARAM;
     }
+    let what = if is_iso {
+        Order::Isochronous(&packets)
+    } else {
+        Order::Bulk(length)
+    };
+    let code = queue(order, transfer.expose_provenance(), &what);
+    wake_all();
+    code
+}
+
+/// Queues the transfer of the structure at `address`.
+fn queue(order: &Transfer, address: usize, what: &Order<'_>) -> c_int {
     let now = now_nanos();
-    let code = with_world(|world| {
+    with_world(|world| {
         world.pump(now);
         let Some(&handle) = world.handles.get(&number(order.handle)) else {
             return ERROR_NO_DEVICE;
@@ -105,33 +120,25 @@ unsafe extern "C" fn libusb_submit_transfer(transfer: *mut Transfer) -> c_int {
         if camera.bus.camera().is_gone() {
             return ERROR_NO_DEVICE;
         }
-        let kind = camera.bus.camera().transfer_kind();
-        let is_iso_setting = kind == Some(ps1080::usb::TransferKind::Isochronous);
-        if is_iso != is_iso_setting {
+        let is_iso_setting = camera.bus.camera().transfer_kind() == Some(TransferKind::Isochronous);
+        if matches!(what, Order::Isochronous(_)) != is_iso_setting {
             // What the kernel says of a transfer that is not of the endpoint's kind.
             return ERROR_INVALID_PARAM;
         }
-        if world.is_queued(transfer.addr()) {
+        if world.is_queued(address) {
             return ERROR_BUSY;
         }
-        let what = if is_iso {
-            Order::Isochronous(&packets)
-        } else {
-            Order::Bulk(length)
-        };
-        let waiter = Waiter::Callback(transfer.expose_provenance());
+        let waiter = Waiter::Callback(address);
         world.submit(
             now,
             handle,
             order.endpoint,
-            &what,
+            what,
             waiter,
             order.timeout_millis,
         );
         SUCCESS
-    });
-    wake_all();
-    code
+    })
 }
 
 /// A control transfer takes no time: it ends at once, its callback comes with the next events.
@@ -140,7 +147,7 @@ unsafe extern "C" fn libusb_submit_transfer(transfer: *mut Transfer) -> c_int {
 /// As of [`libusb_submit_transfer`]; the buffer begins with the set-up.
 unsafe fn submit_control(transfer: *mut Transfer) -> c_int {
     // SAFETY: the structure is the caller's.
-    let order = unsafe { &mut *transfer };
+    let order = unsafe { &*transfer };
     let length = usize::try_from(order.length).unwrap_or(0);
     if order.buffer.is_null() || length < CONTROL_SETUP_BYTES {
         return ERROR_INVALID_PARAM;
@@ -206,23 +213,22 @@ pub(super) fn finish(ended: Ended) {
     // SAFETY: a submitted structure and its buffer stay until the callback, which is called here and only here; the bus
     // never fills more than was asked for.
     unsafe {
-        let order = &mut *transfer;
-        order.status = status_code(ended.transfer.status, ended.has_timed_out);
+        (*transfer).status = status_code(ended.transfer.status, ended.has_timed_out);
         let data = ended.transfer.data.as_slice();
-        if order.kind == TYPE_ISOCHRONOUS {
+        let kind = (*transfer).kind;
+        if kind == TYPE_ISOCHRONOUS {
             spread(transfer, &ended.transfer);
         } else {
-            let setup_bytes = if order.kind == TYPE_CONTROL {
+            let setup_bytes = if kind == TYPE_CONTROL {
                 CONTROL_SETUP_BYTES
             } else {
                 0
             };
-            let place = order.buffer.add(setup_bytes);
+            let place = (*transfer).buffer.add(setup_bytes);
             place.copy_from_nonoverlapping(data.as_ptr(), data.len());
-            order.actual_length = data.len() as c_int;
+            (*transfer).actual_length = data.len() as c_int;
         }
-        let flags = order.flags;
-        let callback = order.callback;
+        let (flags, callback) = ((*transfer).flags, (*transfer).callback);
         with_world(|world| world.recycle(ended.camera, ended.transfer));
         if let Some(callback) = callback {
             callback(transfer);

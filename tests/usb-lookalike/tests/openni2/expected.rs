@@ -13,13 +13,14 @@ const MM_PER_CM: f64 = 10.0;
 const MAX_DEPTH_MM: f64 = 10_000.0;
 const MAX_SHIFT: u16 = 2047;
 
-/// Section 8.2: millimetres of a shift, 0 where there is no depth.
-fn millimetres(shift: u16) -> u16 {
+/// Section 8.2: millimetres of a shift, 0 where there is no depth; `factor` is the size of a pixel in those of the
+/// reference pattern.
+fn millimetres(shift: u16, factor: f64) -> u16 {
     if shift == 0 || shift >= MAX_SHIFT {
         return 0;
     }
-    let x = (f64::from(shift) - COEFFICIENT * CONSTANT_SHIFT) / COEFFICIENT - 0.375;
-    let metric = x * f64::from(ZERO_PLANE_PIXEL);
+    let x = (f64::from(shift) - COEFFICIENT * CONSTANT_SHIFT / factor) / COEFFICIENT - 0.375;
+    let metric = x * f64::from(ZERO_PLANE_PIXEL) * factor;
     let z = MM_PER_CM * (metric * ZERO_PLANE / (EMITTER - metric) + ZERO_PLANE);
     if z > 0.0 && z < MAX_DEPTH_MM {
         z as u16
@@ -38,8 +39,16 @@ fn bytes(width: u32, height: u32, byte: impl Fn(u32, u32) -> u8) -> Vec<u8> {
     places.map(|(x, y)| byte(x, y)).collect()
 }
 
-pub(crate) fn depth_mm(pattern: &TestPattern, index: u64, width: u32, height: u32) -> Vec<u8> {
-    let table: Vec<u16> = (0..=MAX_SHIFT).map(millimetres).collect();
+pub(crate) fn depth_mm(
+    pattern: &TestPattern,
+    index: u64,
+    width: u32,
+    height: u32,
+    factor: f64,
+) -> Vec<u8> {
+    let table: Vec<u16> = (0..=MAX_SHIFT)
+        .map(|shift| millimetres(shift, factor))
+        .collect();
     words(width, height, |x, y| {
         table[usize::from(pattern.shift(index, x, y, false))]
     })
@@ -47,6 +56,15 @@ pub(crate) fn depth_mm(pattern: &TestPattern, index: u64, width: u32, height: u3
 
 pub(crate) fn shifts(pattern: &TestPattern, index: u64, width: u32, height: u32) -> Vec<u8> {
     words(width, height, |x, y| pattern.shift(index, x, y, false))
+}
+
+pub(crate) fn registered_shifts(
+    pattern: &TestPattern,
+    index: u64,
+    width: u32,
+    height: u32,
+) -> Vec<u8> {
+    words(width, height, |x, y| pattern.shift(index, x, y, true))
 }
 
 /// The largest shift, which is no measurement, as 0.

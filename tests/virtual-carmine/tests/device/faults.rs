@@ -3,9 +3,10 @@
 use ps1080::host::{Nack, Request};
 use ps1080::parameter::Parameter;
 use ps1080::samples::SampleFormat;
-use ps1080::stream::{StreamKind, TickRate};
+use ps1080::stream::{FrameEvent, FrameReceiver, PacketKind, StreamKind, TickRate};
 use virtual_carmine::{
-    Control, Faults, Personality, Refusal, Setup, Stall, StreamName, TestPattern, TransferStatus,
+    Alarm, Control, Faults, Personality, Refusal, Setup, Stall, StreamName, TestPattern,
+    TransferStatus, Trouble,
 };
 
 use crate::host::{Host, MILLISECOND, SECOND, SEED, codes, frames};
@@ -200,4 +201,62 @@ fn unplugging_ends_every_transfer() {
         assert_eq!(ended[199].status, TransferStatus::NoDevice);
         assert!(host.ask(Request::GetMode).is_none());
     }
+}
+
+#[test]
+fn short_and_repeated_frames_are_as_whole_on_the_wire() {
+    let mut host = streaming(Faults {
+        short_frame_chance: 0.2,
+        repeat_frame_chance: 0.2,
+        ..Faults::default()
+    });
+    let transfers = host.transfers(&[0x81], 2 * SECOND);
+    let (frames, lost_count) = frames(StreamKind::Depth, 0x81, &transfers);
+    let counters = host.bus.camera().counters().depth;
+    assert_eq!(lost_count, 0);
+    let short = frames.iter().filter(|frame| frame.payload.len() < 105_600);
+    assert_eq!(short.count() as u64, counters.frames_damaged);
+    assert!(counters.shortened_frames > 3 && counters.repeated_frames > 3);
+    let whole: Vec<_> = frames
+        .iter()
+        .filter(|frame| frame.payload.len() == 105_600)
+        .collect();
+    let delivered = host.bus.camera().delivered(StreamKind::Depth);
+    let mut repeats = delivered.windows(2).zip(whole.windows(2));
+    assert!(
+        repeats.any(|(made, got)| made[0].film_index == made[1].film_index
+            && got[0].payload == got[1].payload
+            && got[0].ticks != got[1].ticks)
+    );
+}
+
+#[test]
+fn an_alarm_stands_between_frames_and_harms_none() {
+    let mut host = streaming(Faults {
+        alarms: vec![Alarm {
+            stream: StreamName::Depth,
+            after_nanos: 200 * MILLISECOND,
+            trouble: Trouble::Overheat,
+        }],
+        ..Faults::default()
+    });
+    let transfers = host.transfers(&[0x81], 500 * MILLISECOND);
+    let mut receiver = FrameReceiver::new(StreamKind::Depth);
+    let (mut alarms, mut frame_count) = (Vec::new(), 0);
+    for (_, data) in &transfers {
+        let mut transfer = data.as_slice();
+        while let Some(event) = receiver.next(&mut transfer) {
+            match event {
+                FrameEvent::Fault(kind) => alarms.push((kind, frame_count)),
+                FrameEvent::Ended(_) => frame_count += 1,
+                FrameEvent::Lost(loss) => panic!("{loss:?}"),
+                _ => {}
+            }
+        }
+    }
+    assert!(
+        matches!(alarms.as_slice(), [(PacketKind::Overheat, 4..=7)]),
+        "{alarms:?}"
+    );
+    assert!(frame_count >= 13);
 }

@@ -4,4 +4,6 @@ mod conversation;
 mod faults;
 mod golden;
 mod host;
+mod invariants;
+mod recording;
 mod streams;
