@@ -55,6 +55,8 @@ pub struct Outcome {
     pub seal_ms_p99: f64,
     /// Time between the frames of a pair: median.
     pub pair_skew_ms_p50: f64,
+    /// The same: 99 of 100 stay within.
+    pub pair_skew_ms_p99: f64,
     /// Bytes of the files.
     pub bytes: u64,
     /// Bytes of the recorded frames as the camera sent them, or for JPEG the largest frame for each.
@@ -71,6 +73,8 @@ pub struct Outcome {
     pub to_recorded_ms_p50: f64,
     /// The same: 99 of 100 stay within.
     pub to_recorded_ms_p99: f64,
+    /// The same: 999 of 1000 stay within.
+    pub to_recorded_ms_p999: f64,
     /// Tracking and fusion.
     #[serde(flatten)]
     pub fusion: FuseSummary,
@@ -136,6 +140,7 @@ impl Outcome {
             seal_ms_p50: disk.seals.quantile_ms(0.5),
             seal_ms_p99: disk.seals.quantile_ms(0.99),
             pair_skew_ms_p50: pairing.skews.quantile_ms(0.5),
+            pair_skew_ms_p99: pairing.skews.quantile_ms(0.99),
             bytes: disk.bytes,
             raw_bytes: disk.frames * raw_pair_bytes as u64 / 2,
             rss_peak_mb: peak_resident_mb(),
@@ -144,6 +149,7 @@ impl Outcome {
             decode_ms: decoding.core_nanos.saturating_add(jpeg_nanos) as f64 / 1e6 / depth_frames,
             to_recorded_ms_p50: disk.to_recorded.quantile_ms(0.5),
             to_recorded_ms_p99: disk.to_recorded.quantile_ms(0.99),
+            to_recorded_ms_p999: disk.to_recorded.quantile_ms(0.999),
             fusion,
             mesh: None,
         }

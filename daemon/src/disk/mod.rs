@@ -31,6 +31,9 @@ use self::fused::{SourcePoses, Until};
 use self::poses::PoseQueue;
 pub use self::report::{DiskReport, LayerFactory, PreTrigger, Rotation};
 
+/// Longest time that a chunk which is to be sealed waits for a pair to be complete.
+const LONGEST_DELAY_NANOS: i64 = 100_000_000;
+
 /// What comes to the disk.
 pub struct DiskEnds {
     /// From the record thread.
@@ -66,6 +69,8 @@ pub struct Disk<'capture> {
     first_file_id: FileId,
     table: Option<(u16, CodeTable)>,
     depth_work: Option<Work>,
+    /// Since when a chunk is to be sealed, host time, nanoseconds.
+    due_nanos: Option<i64>,
     /// Host time at which the last byte of the last depth frame came, nanoseconds.
     depth_arrival: Option<i64>,
     /// Stream and number of the frames that are not durable yet.
@@ -118,6 +123,7 @@ impl<'capture> Disk<'capture> {
             writer: Some(writer),
             table: None,
             depth_work: None,
+            due_nanos: None,
             depth_arrival: None,
             unsealed: Vec::with_capacity(4096),
             report: DiskReport {
@@ -357,6 +363,13 @@ impl<'capture> Disk<'capture> {
         if self.report.failure.is_some() || !writer.is_due(now_nanos) {
             return Ok(());
         }
+        // Sealing takes a good part of a period: behind a pair nobody waits for it, within one the colour would.
+        let due_nanos = *self.due_nanos.get_or_insert(now_nanos);
+        let is_within_pair = self.depth_work.is_some() || self.receiver.next_head().is_some();
+        if is_within_pair && now_nanos.saturating_sub(due_nanos) < LONGEST_DELAY_NANOS {
+            return Ok(());
+        }
+        self.due_nanos = None;
         self.flush_poses()?;
         let Some(writer) = &mut self.writer else {
             return Ok(());

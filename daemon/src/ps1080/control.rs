@@ -99,7 +99,7 @@ impl Control {
         }
         self.tries = 0;
         if self.is_of_exposure {
-            exposure.done(result.as_ref());
+            exposure.done(result.as_deref());
         } else {
             let job = self.switches.pop_front();
             let after_nanos = job.map_or(0, |job| job.after_nanos);

@@ -63,11 +63,11 @@ impl Answer {
         self.data.get(..self.length).unwrap_or_default()
     }
 
-    fn of(data: &[u8]) -> Self {
-        let mut answer = Self {
+    fn of(data: &[u8]) -> Box<Self> {
+        let mut answer = Box::new(Self {
             data: [0; MAX_REPLY_DATA_BYTES],
             length: data.len().min(MAX_REPLY_DATA_BYTES),
-        };
+        });
         // As long as the reader lets through.
         answer.data[..answer.length].copy_from_slice(&data[..answer.length]);
         answer
@@ -80,7 +80,7 @@ pub(super) enum Step {
     /// To be stepped again at this time, not before.
     Again(i64),
     /// The reply.
-    Done(Answer),
+    Done(Box<Answer>),
 }
 
 #[derive(Clone, Copy, Debug)]

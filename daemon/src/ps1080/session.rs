@@ -86,7 +86,7 @@ impl Session {
     ///
     /// # Errors
     /// A refusal, silence, a camera that is gone.
-    pub(super) fn ask(&mut self, request: Request) -> Result<Answer, CameraError> {
+    pub(super) fn ask(&mut self, request: Request) -> Result<Box<Answer>, CameraError> {
         let exchange = self.begin(request);
         self.finish(exchange)
     }
@@ -96,7 +96,7 @@ impl Session {
         &mut self,
         request: Request,
         reply_nanos: i64,
-    ) -> Result<Answer, CameraError> {
+    ) -> Result<Box<Answer>, CameraError> {
         let id = self.next_id;
         self.next_id = id.wrapping_add(1);
         let patience = Patience {
@@ -107,7 +107,7 @@ impl Session {
         self.finish(exchange)
     }
 
-    fn finish(&mut self, mut exchange: Exchange) -> Result<Answer, CameraError> {
+    fn finish(&mut self, mut exchange: Exchange) -> Result<Box<Answer>, CameraError> {
         loop {
             match exchange.step(self.usb.as_mut())? {
                 Step::Done(answer) => return Ok(answer),
@@ -122,7 +122,7 @@ impl Session {
     }
 
     /// The first request of all.
-    pub(super) fn ask_first(&mut self, request: Request) -> Result<Answer, CameraError> {
+    pub(super) fn ask_first(&mut self, request: Request) -> Result<Box<Answer>, CameraError> {
         match self.ask(request) {
             Err(
                 CameraError::Silent { .. }

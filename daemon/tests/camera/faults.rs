@@ -6,7 +6,7 @@ use virtual_carmine::{Faults, Personality, Refusal, Stall, StreamName};
 use crate::transport::{Filmed, bus, film, open, small};
 
 /// Until the plug is pulled.
-const LENGTH_NANOS: i64 = 3_000_000_000;
+const LENGTH_NANOS: i64 = 2_500_000_000;
 
 fn with(faults: Faults) -> Filmed {
     let faults = Faults {

@@ -78,19 +78,33 @@ fn every_format_of_color_comes_as_filmed() {
 
 #[test]
 fn every_firmware_is_spoken_to_in_its_own_way() {
-    for (personality, encoding) in [
-        (Personality::firmware_5_1(), ColorEncoding::Uyvy),
-        (Personality::firmware_5_4(), ColorEncoding::BayerGrbg),
-        (Personality::carmine_1_08(), ColorEncoding::Uyvy),
-        (Personality::carmine_1_09(), ColorEncoding::BayerGrbg),
+    const SECOND: i64 = 1_000_000_000;
+    // Old firmware wants long waits before it streams.
+    for (personality, encoding, length_nanos) in [
+        (
+            Personality::firmware_5_1(),
+            ColorEncoding::Uyvy,
+            10 * SECOND,
+        ),
+        (
+            Personality::firmware_5_4(),
+            ColorEncoding::BayerGrbg,
+            2 * SECOND,
+        ),
+        (Personality::carmine_1_08(), ColorEncoding::Uyvy, 2 * SECOND),
+        (
+            Personality::carmine_1_09(),
+            ColorEncoding::BayerGrbg,
+            2 * SECOND,
+        ),
     ] {
         let firmware = personality.firmware().to_string();
-        let filmed = film(personality, unplugged_after(12_000_000_000), small());
+        let filmed = film(personality, unplugged_after(length_nanos), small());
         let device = filmed.recording.description().streams.device.clone();
         let device = device.unwrap();
         assert!(device.firmware.starts_with(&firmware), "{device:?}");
         assert_eq!(filmed.recording.color_camera().encoding, encoding);
-        assert_whole(&filmed, 60);
+        assert_whole(&filmed, 30);
     }
 }
 

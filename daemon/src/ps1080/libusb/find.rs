@@ -41,7 +41,7 @@ pub struct Found {
 }
 
 /// A camera, for libusb and for people.
-pub struct Plugged {
+struct Plugged {
     device: Device<Context>,
     found: Found,
 }
@@ -50,7 +50,7 @@ pub struct Plugged {
 ///
 /// # Errors
 /// When libusb cannot begin.
-pub fn find() -> anyhow::Result<Vec<Plugged>> {
+fn find() -> anyhow::Result<Vec<Plugged>> {
     let context = Context::new()
         .context("libusb cannot begin (a sandbox must allow the address family AF_NETLINK)")?;
     let mut cameras = Vec::new();
@@ -88,15 +88,10 @@ pub fn find() -> anyhow::Result<Vec<Plugged>> {
 /// # Errors
 /// As [`find`].
 pub fn list() -> anyhow::Result<Vec<Found>> {
-    Ok(find()?.into_iter().map(|camera| camera.asked()).collect())
+    Ok(find()?.into_iter().map(Plugged::asked).collect())
 }
 
 impl Plugged {
-    /// What is known.
-    pub fn found(&self) -> &Found {
-        &self.found
-    }
-
     /// With firmware and serial number, where it answers.
     fn asked(self) -> Found {
         let mut found = self.found.clone();

@@ -6,5 +6,5 @@ mod realtime;
 mod transfer;
 mod transport;
 
-pub use find::{Found, find, list, open_camera};
+pub use find::{Found, list, open_camera};
 pub use transport::LibusbTransport;
