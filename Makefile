@@ -20,12 +20,13 @@ TRUTH_ALPHA := 0.02
 
 TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
 GLINT := $(TARGET_DIR)/release/glint
+OPENNI2_HEADER := /usr/include/openni2/OniCAPI.h
 SOAK := $(or $(TMPDIR),/tmp)/glint-soak.glint
 
 # What a virtual environment here has comes first.
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: help setup build demo test lint python-modules soak peers clean
+.PHONY: help setup build demo test test-openni2 lint python-modules camera-libraries soak peers clean
 
 help:
 	@sed -n 's/^#   make/make/p' $(firstword $(MAKEFILE_LIST))
@@ -53,12 +54,27 @@ python-modules:
 	  || { python3 -m venv .venv && .venv/bin/pip install --quiet numpy zstandard; } \
 	  || echo "no numpy and zstandard for python3: the tests of the Python readers will be skipped"
 
+# libusb to stand in front of and OpenNI2 to compare with, where they may be installed; tests that need them say else
+# that they are skipped.
+camera-libraries:
+	@{ pkg-config --exists libusb-1.0 2>/dev/null && test -e $(OPENNI2_HEADER); } || { \
+	  [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && apt-get update -qq \
+	  && apt-get install -y -qq pkg-config libusb-1.0-0-dev libopenni2-dev libopenni2-0 >/dev/null; } \
+	  || echo "no libusb-1.0-0-dev and libopenni2-dev: tests with the unmodified driver of OpenNI2 will be skipped"
+
 # The hard cases run a second time with release arithmetic and overflow checks: fma, inlining and overflow
 # differ. The trainer is tested in that profile alone: a training run without optimisation takes minutes.
-test: setup python-modules
+test: setup python-modules camera-libraries
 	$(CARGO) test --locked --workspace --exclude glint
 	$(CARGO) test --locked --workspace --exclude glint --profile release-checked --tests -- hc_
 	$(CARGO) test --locked --profile release-checked -p glint
+	$(MAKE) test-openni2
+
+# A directory for the build script of openni2-sys; the linker looks into its own as well.
+test-openni2: export OPENNI2_REDIST ?= /usr/lib
+test-openni2:
+	@test -e $(OPENNI2_HEADER) || { echo "skipped: glintd with OpenNI2 (no libopenni2-dev)"; exit 0; } \
+	  && $(CARGO) test --locked -p glintd --features openni2 --lib --test openni2
 
 lint: setup
 	$(CARGO) fmt --all --check

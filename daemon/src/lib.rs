@@ -41,6 +41,8 @@ pub mod inspect;
 pub mod latency;
 pub mod mesh;
 pub mod message;
+#[cfg(feature = "openni2")]
+pub mod openni2;
 pub mod outcome;
 pub mod pair;
 pub mod ps1080;

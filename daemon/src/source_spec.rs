@@ -16,6 +16,19 @@ pub enum SourceSpec {
     Replay(ReplaySpec),
     /// A PrimeSense camera: `ps1080[:SERIAL]` or `ps1080:/SYSFS-PATH`, and [`CAMERA_OPTIONS`] behind a `?`.
     Camera(CameraSpec),
+    /// A camera or a `.oni` file behind OpenNI2: `openni2[:URI][?registration=on|off]`.
+    #[cfg(feature = "openni2")]
+    OpenNi2(OpenNi2Spec),
+}
+
+/// A device behind OpenNI2.
+#[cfg(feature = "openni2")]
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OpenNi2Spec {
+    /// As OpenNI2 names it (`1d27/0601@1/7`), or a `.oni` file; any device when absent.
+    pub uri: Option<String>,
+    /// Asks a camera to warp depth to colour.
+    pub is_registered: bool,
 }
 
 /// A recording that is played.
@@ -122,6 +135,14 @@ impl FromStr for SourceSpec {
             Some(("ps1080", serial)) => {
                 camera(WhichCamera::Serial(serial.to_owned()), &options).map(Self::Camera)
             }
+            #[cfg(feature = "openni2")]
+            None if name == "openni2" => openni2(None, &options).map(Self::OpenNi2),
+            #[cfg(feature = "openni2")]
+            Some(("openni2", uri)) => openni2(Some(uri), &options).map(Self::OpenNi2),
+            #[cfg(not(feature = "openni2"))]
+            _ if name == "openni2" || name.starts_with("openni2:") => Err(
+                "this glintd was built without OpenNI2 (cargo build --features openni2)".to_owned(),
+            ),
             Some((kind, _)) => Err(format!("there is no kind `{kind}`")),
             None => Err("it has no kind".to_owned()),
         }
@@ -149,6 +170,29 @@ fn replay(path: &str, options: &[&str]) -> Result<ReplaySpec, String> {
             }
             None if *option == "loop" => spec.repeats = true,
             _ => return Err(format!("`{option}` is neither speed=… nor loop")),
+        }
+    }
+    Ok(spec)
+}
+
+#[cfg(feature = "openni2")]
+fn openni2(uri: Option<&str>, options: &[&str]) -> Result<OpenNi2Spec, String> {
+    if uri.is_some_and(str::is_empty) {
+        return Err("no device and no file after the colon".to_owned());
+    }
+    let mut spec = OpenNi2Spec {
+        uri: uri.map(str::to_owned),
+        is_registered: true,
+    };
+    for option in options {
+        match *option {
+            "registration=on" => spec.is_registered = true,
+            "registration=off" => spec.is_registered = false,
+            _ => {
+                return Err(format!(
+                    "`{option}` is not registration=on or registration=off"
+                ));
+            }
         }
     }
     Ok(spec)
@@ -234,6 +278,8 @@ mod tests {
             "ps1080?exposure=10",
             "ps1080?gain=x",
             "ps1080:7?color=rgb",
+            "openni2:?registration=on",
+            "openni2?speed=max",
         ] {
             let error = text.parse::<SourceSpec>().unwrap_err().to_string();
             assert!(
@@ -241,6 +287,21 @@ mod tests {
                 "{error}"
             );
         }
+    }
+
+    #[cfg(feature = "openni2")]
+    #[test]
+    fn openni2_takes_any_device_or_the_one_that_is_named() {
+        let spec = |text: &str| match text.parse() {
+            Ok(SourceSpec::OpenNi2(spec)) => (spec.uri, spec.is_registered),
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(spec("openni2"), (None, true));
+        let named = Some("1d27/0601@1/7".to_owned());
+        assert_eq!(
+            spec("openni2:1d27/0601@1/7?registration=off"),
+            (named, false)
+        );
     }
 
     #[test]

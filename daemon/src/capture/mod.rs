@@ -100,6 +100,11 @@ pub fn capture_with(
             let mut camera = crate::ps1080::open_camera(spec)?;
             capture_from(&mut camera, options, stop, show)
         }
+        #[cfg(feature = "openni2")]
+        SourceSpec::OpenNi2(spec) => {
+            let mut device = crate::openni2::OpenNi2::open(spec)?;
+            capture_from(&mut device, options, stop, show)
+        }
     }
 }
 

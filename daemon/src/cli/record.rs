@@ -165,6 +165,11 @@ pub(super) fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCo
     let name = match &args.source {
         SourceSpec::Replay(spec) => camera_name(&spec.path),
         SourceSpec::Camera(spec) => spec.which.file_name(),
+        #[cfg(feature = "openni2")]
+        SourceSpec::OpenNi2(spec) => match &spec.uri {
+            Some(uri) if uri.ends_with(".oni") => camera_name(Path::new(uri)),
+            _ => "openni2".to_owned(),
+        },
     };
     let output = output_path(&args.output, &name)?;
     if output.exists() {
