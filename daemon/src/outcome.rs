@@ -225,7 +225,9 @@ impl fmt::Display for Outcome {
         )?;
         writeln!(
             f,
-            "last byte to file {:.2} ms, p99 {:.2} ms; {:.1} ms of a core a depth frame in all, {:.1} ms of them for decoding the replay and JPEG; {:.2} times real time",
+            "pairs {:.2} ms apart, p99 {:.2} ms; last byte to file {:.2} ms, p99 {:.2} ms; {:.1} ms of a core a depth frame in all, {:.1} ms of them for decoding the replay and JPEG; {:.2} times real time",
+            self.pair_skew_ms_p50,
+            self.pair_skew_ms_p99,
             self.to_recorded_ms_p50,
             self.to_recorded_ms_p99,
             self.core_ms_a_frame,

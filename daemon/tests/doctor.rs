@@ -102,7 +102,7 @@ impl Machine {
         let mut findings = usb::examine(&roots, &self.who, &usb::cameras(&roots));
         findings.extend(rules::examine(&roots));
         findings.push(load::busy(&roots));
-        findings.extend(rights::examine(&roots));
+        findings.extend(rights::examine(&roots, &self.who));
         findings
     }
 

@@ -43,6 +43,7 @@ enum Command {
     Record(Box<RecordArgs>),
     /// Say which cameras are plugged in, with serial number and firmware.
     #[cfg(feature = "usb")]
+    #[command(after_help = "Example:\n  glintd list --json")]
     List,
     /// Say what stands in the way of a good recording on this machine, and how to mend it.
     Doctor(DoctorArgs),

@@ -142,7 +142,7 @@ pub fn examine(roots: &Roots, who: &Identity, folder: &Path, clock: HostClock) -
     findings.extend(rules::examine(roots));
     findings.push(disk::examine(folder, clock.monotonic, None));
     findings.extend(load::examine(roots));
-    findings.extend(rights::examine(roots));
+    findings.extend(rights::examine(roots, who));
     findings
 }
 

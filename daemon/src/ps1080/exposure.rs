@@ -42,8 +42,8 @@ enum Act {
     Read(Parameter),
     /// Sets a given value.
     Set(Parameter, u16),
-    /// Sets what was read.
-    SetRead(Parameter),
+    /// Sets exposure or gain to what is wanted.
+    SetWanted(Parameter),
     /// Reads back.
     Check(Parameter),
     /// Begins with the register of the image sensor.
@@ -76,11 +76,18 @@ impl ExposureControl {
         let word = |field| unit.fixed.get(field) as u16;
         let through_registers = !unit.firmware().has(Feature::ImageParameters);
         let (mut exposure, mut gain) = (None, None);
+        let mut problems = Vec::new();
         let mut acts = VecDeque::new();
         let off = SWITCHED_OFF.map(|parameter| Act::Set(parameter, 0));
         match plan {
             ExposurePlan::Auto => {}
             _ if through_registers => {
+                if let ExposurePlan::Manual { .. } = plan {
+                    let firmware = unit.firmware();
+                    problems.push(format!(
+                        "firmware {firmware} takes no values, only what it found is kept"
+                    ));
+                }
                 acts.extend([
                     Act::Await(FINDING_FRAMES),
                     Act::Page,
@@ -90,9 +97,9 @@ impl ExposureControl {
             }
             ExposurePlan::Lock => {
                 acts.push_back(Act::Await(FINDING_FRAMES));
-                acts.extend([Act::Read(ExposureBar), Act::Read(ImageGain)]);
                 acts.extend(off);
-                acts.extend([Act::SetRead(ExposureBar), Act::SetRead(ImageGain)]);
+                // Not written back: whether firmware shows here what its automatic exposure found, nobody knows.
+                acts.extend([Act::Read(ExposureBar), Act::Read(ImageGain)]);
             }
             ExposurePlan::Manual {
                 exposure: wanted,
@@ -101,7 +108,7 @@ impl ExposureControl {
                 (exposure, gain) = (Some(wanted), Some(wanted_gain));
                 acts.push_back(Act::Await(SETTLING_FRAMES));
                 acts.extend(off);
-                acts.extend([Act::SetRead(ExposureBar), Act::SetRead(ImageGain)]);
+                acts.extend([Act::SetWanted(ExposureBar), Act::SetWanted(ImageGain)]);
             }
         }
         if !acts.is_empty() {
@@ -123,7 +130,7 @@ impl ExposureControl {
             ),
             through_registers,
             waited_from: 0,
-            problems: Vec::new(),
+            problems,
             is_reported: false,
         }
     }
@@ -141,7 +148,7 @@ impl ExposureControl {
                 }
                 Act::Read(parameter) | Act::Check(parameter) => Request::get(parameter),
                 Act::Set(parameter, value) => Request::set(parameter, value),
-                Act::SetRead(parameter) => match self.kept(parameter) {
+                Act::SetWanted(parameter) => match self.kept(parameter) {
                     Some(value) => Request::set(parameter, value),
                     None => {
                         self.acts.pop_front();

@@ -1,5 +1,7 @@
 //! What the camera does wrong is recovered, or a gap with its cause.
 
+use rand::{RngExt as _, SeedableRng as _};
+use rand_pcg::Pcg64Mcg;
 use sequence::GapCause;
 use virtual_carmine::{Faults, Personality, Refusal, Stall, StreamName};
 
@@ -261,5 +263,43 @@ fn a_counter_that_wraps_or_drifts_changes_nothing() {
             let step = pair[1].label.device_nanos - pair[0].label.device_nanos;
             assert!((32_000_000..35_000_000).contains(&step), "{step}");
         }
+    }
+}
+
+#[test]
+fn everything_at_once_is_survived_without_a_wrong_pixel() {
+    let mut random = Pcg64Mcg::seed_from_u64(8);
+    for seed in 0..4 {
+        let mut chance = |most: f64| random.random_range(0.0..most);
+        let faults = Faults {
+            seed,
+            stale_replies: 3,
+            empty_replies: 1,
+            garbage_bytes: 3,
+            packet_drop_chance: chance(0.003),
+            packet_duplicate_chance: chance(0.01),
+            header_bit_chance: chance(0.002),
+            transfer_split_chance: chance(0.2),
+            clock_drift_ppm: chance(200.0),
+            first_ticks: u32::MAX - 70_000_000,
+            stalls: vec![Stall {
+                stream: StreamName::Depth,
+                after_nanos: 900_000_000,
+                length_nanos: 150_000_000,
+            }],
+            unplug_after_nanos: Some(2_000_000_000),
+            ..Faults::default()
+        };
+        let name = format!("{faults:?}");
+        let filmed = film(Personality::carmine_1_09(), faults, small());
+        let (depth, color) = filmed.assert_pixels();
+        assert!(depth > 10 && color > 10, "{depth} {color} with {name}");
+        let verified = &filmed.verified;
+        assert!(verified.findings.is_empty(), "{verified:?} with {name}");
+        assert!(
+            verified.books.iter().all(|book| book.balances),
+            "{:?} with {name}",
+            verified.books
+        );
     }
 }

@@ -27,6 +27,8 @@ pub(crate) struct BusTransport {
     now_nanos: i64,
     setting: u8,
     next_token: u64,
+    /// Settings with bulk endpoints are not shown.
+    is_iso_only: bool,
     /// Endpoint, its transfers, and their shape.
     queues: Vec<(u8, Vec<u64>, QueueShape)>,
 }
@@ -38,7 +40,16 @@ impl BusTransport {
             now_nanos: 1_000_000_000,
             setting: 0,
             next_token: 0,
+            is_iso_only: false,
             queues: Vec::new(),
+        }
+    }
+
+    /// A machine on which bulk is not to be had.
+    pub(crate) fn iso_only(bus: SharedBus) -> Self {
+        Self {
+            is_iso_only: true,
+            ..Self::new(bus)
         }
     }
 
@@ -114,10 +125,12 @@ impl UsbTransport for BusTransport {
             match one {
                 [_, 4, number, alternate, ..] => within = (*number, *alternate) == (0, setting),
                 [_, 5, address, attributes, ..] if within && *address == endpoint => {
-                    return Some(match attributes & 3 {
+                    let kind = match attributes & 3 {
                         1 => TransferKind::Isochronous,
                         _ => TransferKind::Bulk,
-                    });
+                    };
+                    let is_hidden = self.is_iso_only && kind == TransferKind::Bulk;
+                    return (!is_hidden).then_some(kind);
                 }
                 _ => {}
             }
@@ -216,7 +229,11 @@ pub(crate) fn bus(personality: Personality, faults: Faults) -> SharedBus {
 }
 
 pub(crate) fn open(bus: &SharedBus, wanted: Wanted) -> anyhow::Result<Camera> {
-    let usb = Box::new(BusTransport::new(Arc::clone(bus)));
+    open_over(BusTransport::new(Arc::clone(bus)), wanted)
+}
+
+pub(crate) fn open_over(usb: BusTransport, wanted: Wanted) -> anyhow::Result<Camera> {
+    let usb = Box::new(usb);
     Camera::open(usb, wanted, "Carmine", "/sys/devices/virtual")
 }
 
@@ -231,10 +248,15 @@ pub(crate) struct Filmed {
 
 /// Records until the camera is unplugged.
 pub(crate) fn film(personality: Personality, faults: Faults, wanted: Wanted) -> Filmed {
+    let bus = bus(personality, faults);
+    let camera = open(&bus, wanted).unwrap();
+    film_with(camera, &bus)
+}
+
+/// The same, of a camera that is open.
+pub(crate) fn film_with(mut camera: Camera, bus: &SharedBus) -> Filmed {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("out.glint");
-    let bus = bus(personality, faults);
-    let mut camera = open(&bus, wanted).unwrap();
     let mut options = CaptureOptions::new("ps1080".parse().unwrap(), output.clone());
     // The machine's disk is not what is tested.
     options.reserve_bytes = Some(0);

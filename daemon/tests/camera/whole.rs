@@ -4,10 +4,11 @@ use glintd::ps1080::modes::{ColorChoice, ExposurePlan, Wanted};
 use ps1080::color::ColorFormat;
 use ps1080::parameter::Parameter;
 use ps1080::samples::SampleFormat;
+use ps1080::usb::TransferKind;
 use sequence::{ColorEncoding, DepthSamples};
 use virtual_carmine::{Faults, Personality};
 
-use crate::transport::{Filmed, bus, film, open, small};
+use crate::transport::{BusTransport, Filmed, bus, film, film_with, open, open_over, small};
 
 /// Time until the plug is pulled, nanoseconds.
 const SHORT_NANOS: i64 = 1_500_000_000;
@@ -109,6 +110,17 @@ fn every_firmware_is_spoken_to_in_its_own_way() {
 }
 
 #[test]
+fn where_bulk_is_not_to_be_had_isochronous_transfers_do() {
+    for personality in [Personality::carmine_1_09(), Personality::firmware_5_4()] {
+        let bus = bus(personality, unplugged_after(2 * SHORT_NANOS));
+        let usb = BusTransport::iso_only(std::sync::Arc::clone(&bus));
+        let camera = open_over(usb, small()).unwrap();
+        assert_eq!(camera.transfer_kind(), TransferKind::Isochronous);
+        assert_whole(&film_with(camera, &bus), 30);
+    }
+}
+
+#[test]
 fn the_file_says_what_the_camera_is() {
     let filmed = film(
         Personality::carmine_1_08(),
@@ -169,18 +181,8 @@ fn exposure_is_locked_after_the_stream_runs_and_written_down() {
             ..small()
         };
         let bus = bus(Personality::carmine_1_09(), unplugged_after(4_000_000_000));
-        let filmed = {
-            let folder = tempfile::tempdir().unwrap();
-            let output = folder.path().join("x.glint");
-            let mut camera = open(&bus, wanted).unwrap();
-            let mut options =
-                glintd::capture::CaptureOptions::new("ps1080".parse().unwrap(), output.clone());
-            options.reserve_bytes = Some(0);
-            let stop = glintd::status::StopFlag::default();
-            glintd::capture::capture_from(&mut camera, options, &stop, &mut |_| {}).unwrap();
-            sequence::Recording::open(&output).unwrap()
-        };
-        let events = &filmed.contents().events;
+        let filmed = film_with(open(&bus, wanted).unwrap(), &bus);
+        let events = &filmed.recording.contents().events;
         let settings = events
             .iter()
             .find(|event| event.details["event"] == "settings")

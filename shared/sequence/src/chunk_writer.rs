@@ -75,6 +75,9 @@ struct PreambleRecord {
 /// Room for the records with which a recording closes, bytes; kept free in front of every other record.
 const CLOSING_BYTES: u64 = 64 << 10;
 
+/// The system is told to write whenever there is so much, bytes.
+const BEGUN_BYTES: u64 = 1 << 20;
+
 /// Writes one file. Dropped, it leaves all chunks that were sealed and, on a healthy system, the records
 /// after them.
 pub struct ChunkWriter {
@@ -86,6 +89,8 @@ pub struct ChunkWriter {
     chunk_start: u64,
     /// End of the last record; [`ChunkWriter::chunk_start`] + 128 while the chunk has none.
     cursor: u64,
+    /// The system was told to write up to here.
+    begun_end: u64,
     chunk_number: u64,
     records_crc: u32,
     first_sequence: u64,
@@ -109,6 +114,7 @@ impl ChunkWriter {
             reserved_end: 0,
             chunk_start: PAGE,
             cursor: PAGE + RECORDS_OFFSET,
+            begun_end: 0,
             chunk_number: 0,
             records_crc: 0,
             first_sequence: 0,
@@ -311,7 +317,18 @@ impl ChunkWriter {
         self.records_crc = crc;
         self.cursor = offset;
         self.next_sequence += 1;
+        self.begin_writing();
         Ok(())
+    }
+
+    /// Spreads the writing over the second of a chunk: whole pages, a tenth of a chunk at a time.
+    fn begin_writing(&mut self) {
+        let start = self.begun_end.max(self.chunk_start + PAGE);
+        let end = self.cursor / PAGE * PAGE;
+        if end.saturating_sub(start) >= BEGUN_BYTES {
+            self.layer.begin_writing(start, end - start);
+            self.begun_end = end;
+        }
     }
 
     /// Where the index record stands is noted in `self.index`'s place: the last record but `end`.

@@ -25,6 +25,9 @@ pub trait FileLayer: Send {
     fn set_len(&mut self, bytes: u64) -> io::Result<()>;
     /// Bytes that this user can still write to the file system.
     fn free_bytes(&mut self) -> io::Result<u64>;
+    /// `offset..offset + bytes` will be synced before long: the system may begin to write it, and nobody waits. So a
+    /// sync has less to do, and what is to be stored meanwhile waits less.
+    fn begin_writing(&mut self, _offset: u64, _bytes: u64) {}
     /// Everything before `offset` is durable and will not be written again: its memory can go.
     fn release_before(&mut self, offset: u64);
 }
@@ -161,6 +164,10 @@ impl FileLayer for MappedFile {
         free_bytes(&self.file)
     }
 
+    fn begin_writing(&mut self, offset: u64, bytes: u64) {
+        forget(&self.file, offset, offset.saturating_add(bytes));
+    }
+
     fn release_before(&mut self, offset: u64) {
         self.window = None;
         forget(&self.file, self.released, offset);
@@ -201,6 +208,10 @@ impl FileLayer for PlainFile {
         free_bytes(&self.file)
     }
 
+    fn begin_writing(&mut self, offset: u64, bytes: u64) {
+        forget(&self.file, offset, offset.saturating_add(bytes));
+    }
+
     fn release_before(&mut self, offset: u64) {
         forget(&self.file, self.released, offset);
         self.released = offset;
@@ -212,7 +223,8 @@ fn free_bytes(file: &File) -> io::Result<u64> {
     Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
 }
 
-/// Takes durable pages out of the cache of the system: an hour of recording would fill it.
+/// Takes durable pages out of the cache of the system: an hour of recording would fill it. Linux begins to write those
+/// that are not durable, without waiting, and keeps them.
 fn forget(file: &File, start: u64, end: u64) {
     if let Some(bytes) = std::num::NonZeroU64::new(end.saturating_sub(start)) {
         // Advice: a system that cannot follow it keeps the pages.
