@@ -18,7 +18,8 @@
 //! recording as a camera · [`frame`] frames and their pools · [`drops`] what is missing, and why · [`pair`] depth with colour ·
 //! [`record`] encoding · [`fuse`] tracking and fusion · [`message`] encoded records in a ring of bytes · [`disk`] the
 //! writer · [`mesh`] the surface at the end · [`capture`] the threads · [`clock`] and [`status`] what they share · [`latency`] and [`outcome`] what is
-//! counted · [`inspect`] info, verify, recover, cut · [`cli`] the command line.
+//! counted · [`service`] what systemd
+//! is told · [`shelf`] names of files, and which are removed · [`inspect`] info, verify, recover, cut · [`cli`] the command line.
 //!
 //! ```text
 //! source ─ring─► pair ─ring─► record ─ring of bytes (3 s)─► disk
@@ -48,6 +49,8 @@ pub mod pair;
 pub mod ps1080;
 pub mod record;
 pub mod replay;
+pub mod service;
+pub mod shelf;
 pub mod source;
 pub mod source_spec;
 pub mod status;

@@ -21,6 +21,7 @@ use crate::fuse::report::FuseSummary;
 use crate::mesh;
 use crate::outcome::{Numbers, Outcome};
 use crate::replay::Replay;
+use crate::service::Service;
 use crate::source::FrameSource;
 use crate::source_spec::SourceSpec;
 use crate::status::{Status, StatusNow, StopFlag};
@@ -50,6 +51,8 @@ pub struct CaptureOptions {
     pub duration: Option<Duration>,
     /// How to track and fuse; `None` only records.
     pub fuse: Option<FuseOptions>,
+    /// Who is told that it runs.
+    pub service: Service,
     /// The clocks.
     pub clock: HostClock,
     /// Makes files in place of the usual way: for tests of late and broken disks.
@@ -70,6 +73,7 @@ impl CaptureOptions {
             trigger: Arc::default(),
             duration: None,
             fuse: None,
+            service: Service::default(),
             clock: HostClock::default(),
             make_layer: None,
         }

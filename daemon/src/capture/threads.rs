@@ -315,6 +315,7 @@ fn disk<'capture>(
         options.rotation,
         pre_trigger,
         options.clock,
+        options.service,
         status,
         stop,
     )?)

@@ -4,6 +4,7 @@
 //! list · 101 a bug.
 
 mod camera;
+mod config;
 mod record;
 
 use std::io::IsTerminal as _;

@@ -4,7 +4,7 @@ use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use anyhow::{Context as _, bail};
 use clap::{Args, ValueEnum};
@@ -13,17 +13,21 @@ use sequence::codecs::DepthCodec;
 use sequence::file_layer::WritePath;
 use serde_json::json;
 
+use super::config::resolved;
 use super::{exit_code, stop_on_signals};
 use crate::capture::{CaptureOptions, capture_with};
 use crate::disk::Rotation;
 use crate::fuse::FuseOptions;
 use crate::replay::camera_name;
+use crate::service::{Service, Word, status_line};
+use crate::shelf::{Removed, Shelf};
 use crate::source_spec::SourceSpec;
 use crate::status::StatusNow;
 
 /// How much work goes into depth.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum DepthChoice {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum DepthChoice {
     /// A tenth of the raw size, about 1.5 ms a VGA frame.
     Fast,
     /// Half of that, about 4 ms.
@@ -41,7 +45,7 @@ enum WriteChoice {
     Pwrite,
 }
 
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Example:\n  glintd record 'replay:recordings/two-cans.glint?speed=max' -o copy.glint --mesh copy.ply"
 )]
@@ -53,65 +57,71 @@ pub(super) struct RecordArgs {
         feature = "openni2",
         doc = "Or openni2[:URI], openni2:FILE.oni, what the OpenNI2 library opens, with ?registration=on|off."
     )]
-    source: SourceSpec,
+    pub(super) source: String,
     /// File to make, or a folder: the file is then named by source and time.
-    #[arg(short, long)]
-    output: PathBuf,
+    #[arg(short, long, required_unless_present = "config")]
+    pub(super) output: Option<PathBuf>,
+    /// File of settings, TOML: `output`, `camera` (options of the camera, joined by &), `fuse`, and flags of this page by
+    /// their names with `_`. What stands on the command line wins.
+    #[arg(long, value_name = "FILE")]
+    pub(super) config: Option<PathBuf>,
     /// Record without tracking and fusing.
     #[arg(long)]
-    no_fuse: bool,
+    pub(super) no_fuse: bool,
+    /// Track and fuse although the file of settings says not to.
+    #[arg(long = "fuse", conflicts_with = "no_fuse")]
+    pub(super) with_fuse: bool,
     #[command(flatten)]
-    fuse: FuseArgs,
+    pub(super) fuse: FuseArgs,
     /// End after this many seconds.
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     duration: Option<f64>,
-    /// How much work goes into depth.
-    #[arg(long, value_enum, default_value = "fast")]
-    depth_codec: DepthChoice,
+    /// How much work goes into depth. Default: fast.
+    #[arg(long, value_enum)]
+    pub(super) depth_codec: Option<DepthChoice>,
     /// How bytes reach the disk.
     #[arg(long, value_enum, default_value = "auto")]
     write_path: WriteChoice,
     /// Free space that is left alone, MB (10^6 bytes). Default: 2147, or a minute of recording if that is more.
     #[arg(long, value_name = "MB")]
-    reserve_mb: Option<u64>,
+    pub(super) reserve_mb: Option<u64>,
+    /// Remove the oldest recordings of this camera from the folder so that they take no more than this, MB (10^6 bytes);
+    /// the file that is being written stays. Without it nothing is removed.
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(super) keep_mb: Option<u64>,
     /// Keep the last S seconds in memory, and begin the recording with them when SIGUSR1 comes.
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     pre_trigger: Option<f64>,
     /// Go on in another file (NAME-002.glint …) at this size, MB (10^6 bytes).
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..))]
-    split_mb: Option<u64>,
+    pub(super) split_mb: Option<u64>,
     /// Go on in another file after this many seconds.
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
-    split_seconds: Option<f64>,
+    pub(super) split_seconds: Option<f64>,
 }
 
 /// Tracking and fusing.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[group(skip)]
-struct FuseArgs {
+pub(super) struct FuseArgs {
     /// Write the surface of the largest world as PLY when the recording is closed; a second signal stops that.
     #[arg(long, value_name = "PLY", conflicts_with = "no_fuse")]
-    mesh: Option<PathBuf>,
-    /// Edge of a voxel, mm.
-    #[arg(
-        long,
-        value_name = "MM",
-        default_value_t = 5.0,
-        conflicts_with = "no_fuse"
-    )]
-    voxel_mm: f32,
+    pub(super) mesh: Option<PathBuf>,
+    /// Edge of a voxel, mm. Default: 5.
+    #[arg(long, value_name = "MM", conflicts_with = "no_fuse")]
+    pub(super) voxel_mm: Option<f32>,
     /// Distance from the surface within which voxels are kept, voxels, 4 to 64. Default: 6.
     #[arg(long, value_name = "N", conflicts_with = "no_fuse")]
-    truncation_voxels: Option<f32>,
-    /// Workers that track and fuse; they rank behind the recorder.
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=64), conflicts_with = "no_fuse")]
-    fuse_threads: u64,
-    /// Fuse every Nth frame only; all are tracked.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..), conflicts_with = "no_fuse")]
-    fuse_stride: u64,
-    /// Most memory of the volume, MB (2^20 bytes): beyond it new surface is left out, and counted.
-    #[arg(long, value_name = "MB", default_value_t = 2048, value_parser = clap::value_parser!(u64).range(1..=1 << 20), conflicts_with = "no_fuse")]
-    fuse_memory_mb: u64,
+    pub(super) truncation_voxels: Option<f32>,
+    /// Workers that track and fuse; they rank behind the recorder. Default: 2.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64), conflicts_with = "no_fuse")]
+    pub(super) fuse_threads: Option<u64>,
+    /// Fuse every Nth frame only; all are tracked. Default: 1.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), conflicts_with = "no_fuse")]
+    pub(super) fuse_stride: Option<u64>,
+    /// Most memory of the volume, MB (2^20 bytes): beyond it new surface is left out, and counted. Default: 2048.
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..=1 << 20), conflicts_with = "no_fuse")]
+    pub(super) fuse_memory_mb: Option<u64>,
     /// Size at which the model is predicted for tracking: 0 = half, 1 = quarter, 2 = eighth, 3 = sixteenth of the
     /// image. Default: 2.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=3), conflicts_with = "no_fuse")]
@@ -131,20 +141,24 @@ enum Switch {
     Off,
 }
 
+const FUSE_THREADS: u64 = 2;
+const VOXEL_MM: f32 = 5.0;
+const FUSE_MEMORY_MB: u64 = 2048;
+
 impl FuseArgs {
     fn options(&self) -> FuseOptions {
         let mut options = FuseOptions {
             mesh: self.mesh.clone(),
-            threads: self.fuse_threads as usize,
-            stride: self.fuse_stride,
+            threads: self.fuse_threads.unwrap_or(FUSE_THREADS) as usize,
+            stride: self.fuse_stride.unwrap_or(1),
             ..FuseOptions::default()
         };
         let volume = &mut options.live.volume;
-        volume.voxel_size = self.voxel_mm / 1000.0;
+        volume.voxel_size = self.voxel_mm.unwrap_or(VOXEL_MM) / 1000.0;
         if let Some(truncation_voxels) = self.truncation_voxels {
             volume.truncation_voxels = truncation_voxels;
         }
-        volume.memory_limit_bytes = (self.fuse_memory_mb as usize) << 20;
+        volume.memory_limit_bytes = (self.fuse_memory_mb.unwrap_or(FUSE_MEMORY_MB) as usize) << 20;
         if let Some(level) = self.view_level {
             options.live.view_level = level as usize;
         }
@@ -165,8 +179,10 @@ impl FuseArgs {
 
 /// Records, and says what came of it.
 pub(super) fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCode> {
+    let args = resolved(args)?;
     let stop = stop_on_signals()?;
-    let name = match &args.source {
+    let source: SourceSpec = args.source.parse()?;
+    let camera = match &source {
         SourceSpec::Replay(spec) => camera_name(&spec.path),
         SourceSpec::Camera(spec) => spec.which.file_name(),
         #[cfg(feature = "openni2")]
@@ -175,38 +191,15 @@ pub(super) fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCo
             _ => "openni2".to_owned(),
         },
     };
-    let output = output_path(&args.output, &name)?;
-    if output.exists() {
-        bail!(
-            "{}: this file exists; remove it, or choose another name",
-            output.display()
-        );
+    let (output, shelf) = output_of(&args, &camera)?;
+    if let Some(shelf) = &shelf {
+        make_room(shelf, args.keep_mb, None);
     }
-    if let Some(mesh) = args.fuse.mesh.as_ref().filter(|mesh| mesh.exists()) {
-        bail!(
-            "{}: this file exists; remove it, or choose another name for the mesh",
-            mesh.display()
-        );
-    }
+    let service = Service::of_this_process();
+    service.say(&Word::Status("waiting for the first frames".to_owned()));
     let options = CaptureOptions {
-        depth_codec: match args.depth_codec {
-            DepthChoice::Fast => DepthCodec::Fast,
-            DepthChoice::Dense => DepthCodec::Dense,
-        },
-        write_path: match args.write_path {
-            WriteChoice::Auto => WritePath::Auto,
-            WriteChoice::Mapped => WritePath::Mapped,
-            WriteChoice::Pwrite => WritePath::Pwrite,
-        },
-        reserve_bytes: args.reserve_mb.map(|mb| mb.saturating_mul(1_000_000)),
-        rotation: Rotation {
-            bytes: args.split_mb.map(|mb| mb.saturating_mul(1_000_000)),
-            age: args.split_seconds.map(Duration::from_secs_f64),
-        },
-        pre_trigger: args.pre_trigger.map(Duration::from_secs_f64),
-        fuse: (!args.no_fuse).then(|| args.fuse.options()),
-        duration: args.duration.map(Duration::from_secs_f64),
-        ..CaptureOptions::new(args.source.clone(), output)
+        service,
+        ..options_of(&args, source, output.clone())
     };
     if options.pre_trigger.is_some() {
         let signal = signal_hook::consts::SIGUSR1;
@@ -216,7 +209,10 @@ pub(super) fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCo
     let mut shown = 0;
     let outcome = capture_with(options, &stop, &mut |status| {
         shown += 1;
-        show_status(status, &bar, json, shown);
+        show_status(status, &bar, json, shown, service);
+        if let Some(shelf) = shelf.as_ref().filter(|_| shown.is_multiple_of(TRIM_EVERY)) {
+            make_room(shelf, args.keep_mb, Some(&output));
+        }
     })?;
     bar.finish_and_clear();
     if json {
@@ -233,10 +229,97 @@ pub(super) fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCo
     Ok(exit_code(outcome.is_whole() && has_mesh))
 }
 
+fn options_of(args: &RecordArgs, source: SourceSpec, output: PathBuf) -> CaptureOptions {
+    CaptureOptions {
+        depth_codec: match args.depth_codec.unwrap_or(DepthChoice::Fast) {
+            DepthChoice::Fast => DepthCodec::Fast,
+            DepthChoice::Dense => DepthCodec::Dense,
+        },
+        write_path: match args.write_path {
+            WriteChoice::Auto => WritePath::Auto,
+            WriteChoice::Mapped => WritePath::Mapped,
+            WriteChoice::Pwrite => WritePath::Pwrite,
+        },
+        reserve_bytes: args.reserve_mb.map(|mb| mb.saturating_mul(1_000_000)),
+        rotation: Rotation {
+            bytes: args.split_mb.map(|mb| mb.saturating_mul(1_000_000)),
+            age: args.split_seconds.map(Duration::from_secs_f64),
+        },
+        pre_trigger: args.pre_trigger.map(Duration::from_secs_f64),
+        fuse: (!args.no_fuse).then(|| args.fuse.options()),
+        duration: args.duration.map(Duration::from_secs_f64),
+        ..CaptureOptions::new(source, output)
+    }
+}
+
+/// The file to make, and the folder of this camera's recordings where only that was named. Neither this file nor the
+/// mesh exists.
+fn output_of(args: &RecordArgs, camera: &str) -> anyhow::Result<(PathBuf, Option<Shelf>)> {
+    let Some(output) = &args.output else {
+        bail!("no output is named; give -o, or `output` in the file of settings");
+    };
+    let shelf = output.is_dir().then(|| Shelf::new(output, camera));
+    let file = match &shelf {
+        Some(shelf) => shelf
+            .place(SystemTime::now())
+            .context("the clock of this machine is before 1970; set it, or name the file")?,
+        None if args.keep_mb.is_some() => bail!(
+            "{}: old recordings can be removed from a folder only; name a folder that exists, or leave --keep-mb out",
+            output.display()
+        ),
+        None => output.clone(),
+    };
+    if file.exists() {
+        bail!(
+            "{}: this file exists; remove it, or choose another name",
+            file.display()
+        );
+    }
+    if let Some(mesh) = args.fuse.mesh.as_ref().filter(|mesh| mesh.exists()) {
+        bail!(
+            "{}: this file exists; remove it, or choose another name for the mesh",
+            mesh.display()
+        );
+    }
+    Ok((file, shelf))
+}
+
+/// Calls from one look at the folder to the next: ten seconds.
+const TRIM_EVERY: u64 = 20;
+
+/// Removes the oldest recordings beyond `keep_mb`, and says so. What cannot be removed does not stop a recording.
+fn make_room(shelf: &Shelf, keep_mb: Option<u64>, current: Option<&Path>) {
+    let Some(keep_mb) = keep_mb else {
+        return;
+    };
+    match shelf.trim(keep_mb.saturating_mul(1_000_000), current) {
+        Ok(removed) => {
+            for Removed {
+                path,
+                bytes,
+                problem,
+            } in removed
+            {
+                let place = path.display();
+                match problem {
+                    None => tracing::info!(
+                        "{place}: removed, {:.1} MB: recordings of this camera took more than {keep_mb} MB",
+                        bytes as f64 / 1e6
+                    ),
+                    Some(error) => tracing::warn!("{place}: cannot be removed: {error}"),
+                }
+            }
+        }
+        Err(error) => tracing::warn!("old recordings cannot be looked for: {error}"),
+    }
+}
+
 /// Plain lines are ten times rarer than the calls: one in five seconds.
 const PLAIN_EVERY: u64 = 10;
+/// The service manager hears every second.
+const TOLD_EVERY: u64 = 2;
 
-fn show_status(status: &StatusNow, bar: &ProgressBar, json: bool, shown: u64) {
+fn show_status(status: &StatusNow, bar: &ProgressBar, json: bool, shown: u64, service: Service) {
     let bytes_a_minute = status.file_bytes as f64 / bar.elapsed().as_secs_f64() * 60.0;
     let left = if bytes_a_minute > 0.0 {
         format!(
@@ -246,30 +329,29 @@ fn show_status(status: &StatusNow, bar: &ProgressBar, json: bool, shown: u64) {
     } else {
         String::new()
     };
-    let seen = status.tracked + status.lost;
-    let mut fusion = String::new();
-    if seen + status.skipped > 0 {
-        let percent = 100.0 * status.tracked as f64 / seen.max(1) as f64;
-        fusion = format!(", {percent:.0} % tracked, {} skipped", status.skipped);
+    if service.is_listening() && shown.is_multiple_of(TOLD_EVERY) {
+        service.say(&Word::Status(status_line(status, &left)));
     }
-    if status.effort_level > 0 {
-        fusion += &format!(", effort reduced by {}", status.effort_level);
-    }
-    let line = format!(
-        "{} frames recorded, {} missing, {:.1} MB, buffer {} % full{fusion}{left}",
-        status.frames_recorded,
-        status.frames_missing,
-        status.payload_bytes as f64 / 1e6,
-        status.ring_fill_percent
-    );
     if json && let Ok(mut event) = serde_json::to_value(status) {
         event["event"] = json!("status");
         println!("{event}");
     }
+    let mut more = String::new();
+    if status.skipped > 0 {
+        more = format!(", {} skipped by tracking", status.skipped);
+    }
+    if status.effort_level > 0 {
+        more += &format!(", effort reduced by {}", status.effort_level);
+    }
+    let line = format!(
+        "{}, buffer {} % full{more}",
+        status_line(status, &left),
+        status.ring_fill_percent
+    );
     if std::io::stderr().is_terminal() {
         bar.set_message(line);
         bar.tick();
-    } else if shown.is_multiple_of(PLAIN_EVERY) {
+    } else if shown.is_multiple_of(PLAIN_EVERY) && !service.is_listening() {
         eprintln!("{line}");
     }
 }
@@ -278,39 +360,6 @@ fn progress_bar() -> ProgressBar {
     let style = ProgressStyle::with_template("{spinner} {elapsed} {msg}");
     let bar = ProgressBar::new_spinner();
     bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
-}
-
-/// The file itself, or a new name in a folder.
-fn output_path(output: &Path, camera: &str) -> anyhow::Result<PathBuf> {
-    if !output.is_dir() {
-        return Ok(output.to_path_buf());
-    }
-    let seconds = std::time::SystemTime::now()
-        .duration_since(std::time::UNIX_EPOCH)
-        .context("the clock of this machine is before 1970; set it, or name the file")?
-        .as_secs();
-    Ok(output.join(format!("{camera}-{}.glint", utc_name(seconds))))
-}
-
-/// `20261126T104530Z` of seconds since 1970.
-fn utc_name(seconds: u64) -> String {
-    // Days to year, month, day by the civil calendar (Hinnant, "chrono-compatible date algorithms").
-    let days = seconds / 86_400 + 719_468;
-    let era = days / 146_097;
-    let day_of_era = days % 146_097;
-    let year_of_era =
-        (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted_month = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
-    let month = if shifted_month < 10 {
-        shifted_month + 3
-    } else {
-        shifted_month - 9
-    };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
-    let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
-    format!("{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}Z")
 }
 
 /// Three counts, the coarsest pass first; a hundred is far beyond what converges.
@@ -327,7 +376,7 @@ fn parse_iterations(text: &str) -> Result<[usize; 3], String> {
     }
 }
 
-fn parse_seconds(text: &str) -> Result<f64, String> {
+pub(super) fn parse_seconds(text: &str) -> Result<f64, String> {
     let seconds: f64 = text
         .parse()
         .map_err(|_| format!("`{text}` is no number of seconds"))?;
@@ -358,12 +407,5 @@ mod tests {
         let passes = FuseOptions::default().live.icp.passes;
         let counts: Vec<usize> = passes.iter().map(|pass| pass.iterations).collect();
         assert_eq!(counts, [8, 5, 4]);
-    }
-
-    #[test]
-    fn file_names_carry_the_utc_time() {
-        assert_eq!(utc_name(0), "19700101T000000Z");
-        assert_eq!(utc_name(951_782_400), "20000229T000000Z");
-        assert_eq!(utc_name(1_798_761_599), "20261231T235959Z");
     }
 }

@@ -24,6 +24,7 @@ use crate::capture::LONGEST_PARK;
 use crate::clock::HostClock;
 use crate::latency::Work;
 use crate::message::{MessageKind, MessageReceiver, frame_parts, gap_parts};
+use crate::service::{Pulse, Service};
 use crate::status::{EndReason, Status, StopFlag};
 
 pub use self::fused::{FuseMessages, LIVE_SET, SOURCE_SET};
@@ -76,6 +77,7 @@ pub struct Disk<'capture> {
     /// Stream and number of the frames that are not durable yet.
     unsealed: Vec<(u16, u64)>,
     report: DiskReport,
+    pulse: Pulse,
 }
 
 impl<'capture> Disk<'capture> {
@@ -89,6 +91,7 @@ impl<'capture> Disk<'capture> {
         rotation: Rotation,
         pre_trigger: Option<PreTrigger>,
         clock: HostClock,
+        service: Service,
         status: &'capture Status,
         stop: &'capture StopFlag,
     ) -> Result<Self, SequenceError> {
@@ -131,6 +134,7 @@ impl<'capture> Disk<'capture> {
                 gaps: Vec::with_capacity(1024),
                 ..DiskReport::default()
             },
+            pulse: Pulse::new(service),
         })
     }
 
@@ -171,6 +175,7 @@ impl<'capture> Disk<'capture> {
             let due = self.seal_if_due();
             self.judge(due)?;
         }
+        self.pulse.stopping();
         let said = self.take_source_events();
         self.judge(said)?;
         let last = self.await_fused(Until::Over);
@@ -296,6 +301,7 @@ impl<'capture> Disk<'capture> {
                 let [first, last] = self.report.device_nanos.unwrap_or([nanos; 2]);
                 self.report.device_nanos = Some([first.min(nanos), last.max(nanos)]);
                 self.status.add_recorded(payload.len() as u64);
+                self.pulse.beat(stream, (self.clock.monotonic)());
                 Ok(())
             }
             Err(error) if error.is_disk_full() => {

@@ -28,7 +28,7 @@ const UNSEEN_ROOM: f64 = 2.0;
 /// The quartile.
 const BRIGHT_QUANTILE: f64 = 0.75;
 /// What a surface shows beyond its dark look in the median is so many times less than what a mirror may see in it.
-const UNSEEN_SHINE: f64 = 3.2;
+const UNSEEN_SHINE: f64 = 3.1;
 /// Part of σ by which noise alone lifts the median over the lower decile, less what stands for weak shine.
 const SPREAD_OF_NOISE: f64 = 0.6;
 /// Quantile of light over the colour of the first bounce that limits the reflectance of a segment.
