@@ -66,7 +66,7 @@ put() {
     fi
 }
 
-# take TARGET: removes a file, and its folder where only glint made it.
+# take TARGET: removes a file.
 take() {
     if [ ! -e "$root$1" ]; then
         echo "not there: $1"

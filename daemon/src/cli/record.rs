@@ -196,6 +196,10 @@ pub(super) fn run_record(args: &RecordArgs, json: bool) -> anyhow::Result<ExitCo
         make_room(shelf, args.keep_mb, None);
     }
     let service = Service::of_this_process();
+    if service.is_listening() {
+        // The line that a journal begins with.
+        tracing::info!("{}: recording {}", output.display(), args.source);
+    }
     service.say(&Word::Status("waiting for the first frames".to_owned()));
     let options = CaptureOptions {
         service,
