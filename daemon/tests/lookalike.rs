@@ -162,6 +162,62 @@ fn a_recording_that_is_told_to_end_switches_the_camera_off() {
     assert_pixels(&Recording::open(&file).unwrap(), 320);
 }
 
+/// Every byte of colour is what was filmed.
+fn assert_color(recording: &Recording, width: u32) {
+    let pattern = TestPattern::with_cycle(SEED, CYCLE);
+    let row_bytes = 2 * width;
+    for place in recording.contents().stream(sequence::COLOR_STREAM) {
+        let frame = recording.color_frame(place).unwrap();
+        let is_first_row = |index: &u64| {
+            (0..row_bytes).all(|x| frame[x as usize] == pattern.uyvy_byte(*index, x, 0))
+        };
+        let film_index = (0..CYCLE).find(is_first_row).unwrap();
+        for (at, got) in (0..).zip(&frame) {
+            let filmed = pattern.uyvy_byte(film_index, at % row_bytes, at / row_bytes);
+            assert_eq!(*got, filmed, "frame {}, byte {at}", place.label.number);
+        }
+    }
+}
+
+/// `cargo test --release -p glintd --test lookalike -- --ignored --nocapture minute`, on a machine that is idle: the
+/// camera loses what nobody reads in time.
+#[test]
+#[ignore = "takes a minute and an idle machine"]
+fn a_minute_of_both_streams_comes_whole() {
+    let Some(bench) = Bench::new(&camera("personality = \"carmine-1.08\"", "")) else {
+        return;
+    };
+    let file = bench.path("x.glint");
+    let output = bench.glintd(&[
+        "record",
+        "ps1080",
+        "-o",
+        file.to_str().unwrap(),
+        "--no-fuse",
+        "--reserve-mb",
+        "0",
+        "--duration",
+        "60",
+        "--json",
+    ]);
+    let summary = summary(&output);
+    println!("{summary:#}\n{:#}", bench.log());
+    println!("{}", String::from_utf8_lossy(&output.stderr));
+    let counters = &bench.log()["cameras"][0]["counters"];
+    for stream in ["depth", "image"] {
+        assert_eq!(counters[stream]["fifo_lost_packets"], 0, "{counters}");
+    }
+    assert_eq!(
+        (output.status.code(), &summary["gaps"]),
+        (Some(0), &0.into())
+    );
+    let recording = Recording::open(&file).unwrap();
+    assert!(recording.frame_count() > 1700, "{summary}");
+    assert_pixels(&recording, 640);
+    assert_color(&recording, 640);
+    assert!(verify(&file, true).unwrap().findings.is_empty());
+}
+
 #[test]
 fn list_shows_every_camera_and_why_one_does_not_answer() {
     let cameras = [
