@@ -26,8 +26,7 @@ impl Bench {
             return None;
         }
         let folder = tempfile::tempdir().unwrap();
-        let library = folder.path().join("libusb-1.0.so.0");
-        std::os::unix::fs::symlink(built_library(), library).unwrap();
+        usb_lookalike::library::put_into(folder.path()).unwrap();
         let log = folder.path().join("log.json");
         let config = format!("log = {log:?}\n{cameras}");
         std::fs::write(folder.path().join("cameras.toml"), config).unwrap();
@@ -51,16 +50,6 @@ impl Bench {
         let text = std::fs::read_to_string(self.path("log.json")).unwrap();
         serde_json::from_str(&text).unwrap()
     }
-}
-
-/// The library of this build: beside the running test, or one folder up, where cargo puts what it was asked for.
-fn built_library() -> PathBuf {
-    let test = std::env::current_exe().unwrap();
-    let folders = test.ancestors().skip(1).take(2);
-    folders
-        .map(|folder| folder.join("libusb_lookalike.so"))
-        .find(|library| library.is_file())
-        .expect("cargo builds the library as a dependency of this test")
 }
 
 fn camera(lines: &str, faults: &str) -> String {
