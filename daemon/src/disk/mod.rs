@@ -32,9 +32,6 @@ use self::fused::{SourcePoses, Until};
 use self::poses::PoseQueue;
 pub use self::report::{DiskReport, LayerFactory, PreTrigger, Rotation};
 
-/// Longest time that a chunk which is to be sealed waits for a pair to be complete.
-const LONGEST_DELAY_NANOS: i64 = 100_000_000;
-
 /// What comes to the disk.
 pub struct DiskEnds {
     /// From the record thread.
@@ -70,12 +67,14 @@ pub struct Disk<'capture> {
     first_file_id: FileId,
     table: Option<(u16, CodeTable)>,
     depth_work: Option<Work>,
-    /// Since when a chunk is to be sealed, host time, nanoseconds.
-    due_nanos: Option<i64>,
+    /// Since when a chunk is on its way to the disk.
+    sealing_since: Option<Instant>,
     /// Host time at which the last byte of the last depth frame came, nanoseconds.
     depth_arrival: Option<i64>,
     /// Stream and number of the frames that are not durable yet.
     unsealed: Vec<(u16, u64)>,
+    /// So many of them, the first, are in the chunk that is on its way.
+    sealing_count: usize,
     report: DiskReport,
     pulse: Pulse,
 }
@@ -126,9 +125,10 @@ impl<'capture> Disk<'capture> {
             writer: Some(writer),
             table: None,
             depth_work: None,
-            due_nanos: None,
+            sealing_since: None,
             depth_arrival: None,
             unsealed: Vec::with_capacity(4096),
+            sealing_count: 0,
             report: DiskReport {
                 files: vec![path.to_path_buf()],
                 gaps: Vec::with_capacity(1024),
@@ -366,26 +366,28 @@ impl<'capture> Disk<'capture> {
         let Some(writer) = &mut self.writer else {
             return Ok(());
         };
-        if self.report.failure.is_some() || !writer.is_due(now_nanos) {
+        if self.report.failure.is_some() {
             return Ok(());
         }
-        // Sealing takes a good part of a period: behind a pair nobody waits for it, within one the colour would.
-        let due_nanos = *self.due_nanos.get_or_insert(now_nanos);
-        let is_within_pair = self.depth_work.is_some() || self.receiver.next_head().is_some();
-        if is_within_pair && now_nanos.saturating_sub(due_nanos) < LONGEST_DELAY_NANOS {
+        if self.sealing_since.is_some() && writer.is_sealed()? {
+            self.note_sealed()?;
+        }
+        let Some(writer) = &mut self.writer else {
+            return Ok(());
+        };
+        if !writer.is_due(now_nanos) {
             return Ok(());
         }
-        self.due_nanos = None;
+        // A disk that is a whole chunk late is waited for, and frames meanwhile in the ring.
+        self.await_seal()?;
         self.flush_poses()?;
         let Some(writer) = &mut self.writer else {
             return Ok(());
         };
         let begun = Instant::now();
-        writer.seal()?;
-        self.unsealed.clear();
-        self.report.seals.add(begun.elapsed());
-        self.status
-            .set_bytes(self.report.bytes + writer.bytes(), writer.room_bytes()?);
+        writer.begin_seal()?;
+        self.sealing_since = Some(begun);
+        self.sealing_count = self.unsealed.len();
         let is_full = self
             .rotation
             .bytes
@@ -396,6 +398,29 @@ impl<'capture> Disk<'capture> {
             .is_some_and(|age| self.begun.elapsed() >= age);
         if is_full || is_old {
             self.rotate()?;
+        }
+        Ok(())
+    }
+
+    /// Waits for the chunk that is on its way.
+    fn await_seal(&mut self) -> Result<(), SequenceError> {
+        match &mut self.writer {
+            Some(writer) if self.sealing_since.is_some() => writer.await_seal()?,
+            _ => return Ok(()),
+        }
+        self.note_sealed()
+    }
+
+    /// The chunk that was on its way has arrived.
+    fn note_sealed(&mut self) -> Result<(), SequenceError> {
+        if let Some(since) = self.sealing_since.take() {
+            self.report.seals.add(since.elapsed());
+        }
+        self.unsealed.drain(..self.sealing_count);
+        self.sealing_count = 0;
+        if let Some(writer) = &mut self.writer {
+            let bytes = self.report.bytes + writer.bytes();
+            self.status.set_bytes(bytes, writer.room_bytes()?);
         }
         Ok(())
     }
@@ -431,6 +456,8 @@ impl<'capture> Disk<'capture> {
     fn finish(&mut self, reason: EndReason) -> Result<(), SequenceError> {
         let poses = self.flush_poses();
         self.judge(poses)?;
+        let sealed = self.await_seal();
+        self.judge(sealed)?;
         let Some(mut writer) = self.writer.take() else {
             return Ok(());
         };

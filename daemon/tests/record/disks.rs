@@ -8,17 +8,31 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use glintd::capture::capture;
 use glintd::disk::LayerFactory;
 use glintd::status::{EndReason, StopFlag};
-use sequence::file_layer::{self, FileLayer, WritePath};
+use sequence::file_layer::{self, FileLayer, Syncer, WritePath};
 use sequence::verify::verify;
 use sequence::{GapCause, Recording, SequenceError};
 
 use super::replay::options;
 use super::source;
 
-/// A file whose calls are watched, and refused when `judge` says so.
-pub(crate) struct Watched<J> {
+/// A file whose calls are watched, and refused when a judge says so.
+struct Watched<J> {
     file: Box<dyn FileLayer>,
     judge: J,
+    make_judge: Arc<dyn Fn() -> J + Send + Sync>,
+}
+
+/// What syncs it in another thread.
+struct WatchedSyncer<J> {
+    syncer: Box<dyn Syncer>,
+    judge: J,
+}
+
+impl<J: FnMut(Call) -> io::Result<()> + Send> Syncer for WatchedSyncer<J> {
+    fn sync(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
+        (self.judge)(Call::Sync)?;
+        self.syncer.sync(offset, bytes)
+    }
 }
 
 /// A call.
@@ -29,7 +43,7 @@ pub(crate) enum Call {
     Sync,
 }
 
-impl<J: FnMut(Call) -> io::Result<()> + Send> FileLayer for Watched<J> {
+impl<J: FnMut(Call) -> io::Result<()> + Send + 'static> FileLayer for Watched<J> {
     fn allocate(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
         (self.judge)(Call::Allocate {
             end: offset + bytes,
@@ -47,6 +61,13 @@ impl<J: FnMut(Call) -> io::Result<()> + Send> FileLayer for Watched<J> {
         self.file.sync(offset, bytes)
     }
 
+    fn syncer(&self) -> io::Result<Option<Box<dyn Syncer>>> {
+        Ok(self.file.syncer()?.map(|syncer| {
+            let judge = (self.make_judge)();
+            Box::new(WatchedSyncer { syncer, judge }) as Box<dyn Syncer>
+        }))
+    }
+
     fn set_len(&mut self, bytes: u64) -> io::Result<()> {
         self.file.set_len(bytes)
     }
@@ -60,15 +81,17 @@ impl<J: FnMut(Call) -> io::Result<()> + Send> FileLayer for Watched<J> {
     }
 }
 
-pub(crate) fn watched<J>(judge: impl Fn() -> J + Send + 'static) -> LayerFactory
+pub(crate) fn watched<J>(make_judge: impl Fn() -> J + Send + Sync + 'static) -> LayerFactory
 where
     J: FnMut(Call) -> io::Result<()> + Send + 'static,
 {
+    let make_judge = Arc::new(make_judge);
     Box::new(
         move |path: &Path| -> Result<Box<dyn FileLayer>, SequenceError> {
             Ok(Box::new(Watched {
                 file: file_layer::create(path, WritePath::Auto)?,
-                judge: judge(),
+                judge: make_judge(),
+                make_judge: make_judge.clone(),
             }))
         },
     )
@@ -190,6 +213,51 @@ fn hc_k10_a_chunk_that_the_disk_refuses_becomes_a_gap() {
         "k10: {} frames refused, {} in gaps, tolerance 0",
         outcome.gaps, outcome.gaps
     );
+}
+
+/// Looks at a counter before it is said to stand still.
+const MOST_LOOKS: u64 = 50_000_000;
+
+#[test]
+fn a_disk_that_is_late_gets_longer_chunks_and_nobody_waits() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = source::write(folder.path(), 200, &[]);
+    let output = folder.path().join("out.glint");
+    let mut options = options(&input, "", &output);
+    options.clock = super::hard::counting_clock();
+    // The second chunk, of the 25th pair and those behind it, is durable when 150 frames are stored: a record is four
+    // writes.
+    let enough = 4 * 150;
+    let [writes, syncs] = [(); 2].map(|()| Arc::new(AtomicU64::new(0)));
+    options.make_layer = Some(watched(move || {
+        let [writes, syncs] = [&writes, &syncs].map(Arc::clone);
+        move |call| {
+            if matches!(call, Call::Write) {
+                writes.fetch_add(1, Ordering::Relaxed);
+            }
+            let is_late =
+                matches!(call, Call::Sync) && syncs.fetch_add(1, Ordering::Relaxed) == SECOND_CHUNK;
+            if !is_late {
+                return Ok(());
+            }
+            for _ in 0..MOST_LOOKS {
+                if writes.load(Ordering::Relaxed) >= enough {
+                    return Ok(());
+                }
+                std::thread::yield_now();
+            }
+            // The recorder waited for the disk.
+            Err(io::ErrorKind::TimedOut.into())
+        }
+    }));
+    let outcome = capture(options, &StopFlag::default()).unwrap();
+    assert_eq!(
+        (outcome.frames_recorded, outcome.gaps),
+        (400, 0),
+        "{outcome:?}"
+    );
+    let found = verify(&output, true).unwrap();
+    assert!(found.findings.is_empty(), "{found:?}");
 }
 
 #[test]

@@ -6,12 +6,13 @@ use zerocopy::IntoBytes as _;
 
 use crate::checksum::FileId;
 use crate::error::SequenceError;
-use crate::file_layer::FileLayer;
+use crate::file_layer::{FileLayer, uninterrupted, write_all};
 use crate::layout::{
     ChunkHeader, FileHeader, IndexBytes, MOST_CHUNK_BYTES, MOST_PAYLOAD_BYTES, PAGE, RECORD_MAGIC,
     RECORDS_OFFSET, RecordHeader, chunk_end, record_bytes,
 };
 use crate::record::RecordKind;
+use crate::sealing::{ClosedChunk, Sealer};
 
 /// How a [`ChunkWriter`] uses the disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +61,7 @@ impl RecordLabel {
 /// What became of a chunk that should be sealed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sealing {
-    /// It is durable, or there was none.
+    /// It is durable.
     Done,
     /// The disk refused; these records are not in the file.
     Lost(Vec<RecordLabel>),
@@ -78,8 +79,8 @@ const CLOSING_BYTES: u64 = 64 << 10;
 /// The system is told to write whenever there is so much, bytes.
 const BEGUN_BYTES: u64 = 1 << 20;
 
-/// Writes one file. Dropped, it leaves all chunks that were sealed and, on a healthy system, the records
-/// after them.
+/// Writes one file. Dropped, it leaves all chunks that were sealed or on their way and, on a healthy system, the
+/// records after them.
 pub struct ChunkWriter {
     layer: Box<dyn FileLayer>,
     file_id: FileId,
@@ -96,8 +97,11 @@ pub struct ChunkWriter {
     first_sequence: u64,
     next_sequence: u64,
     index: Vec<IndexBytes>,
+    /// Memory for the index of the next chunk but one.
+    spare_index: Vec<IndexBytes>,
     preamble: Vec<PreambleRecord>,
     preamble_bytes: u64,
+    sealer: Sealer,
 }
 
 impl ChunkWriter {
@@ -120,11 +124,13 @@ impl ChunkWriter {
             first_sequence: 0,
             next_sequence: 0,
             index: Vec::with_capacity(1024),
+            spare_index: Vec::with_capacity(1024),
             preamble: Vec::new(),
             preamble_bytes: 0,
+            sealer: Sealer::new(),
         };
         writer.reserve(2 * PAGE + CLOSING_BYTES)?;
-        writer.write_all(0, &FileHeader::page(file_id))?;
+        write_all(&mut *writer.layer, 0, &FileHeader::page(file_id))?;
         uninterrupted(|| writer.layer.sync(0, PAGE))?;
         Ok(writer)
     }
@@ -184,18 +190,43 @@ impl ChunkWriter {
         self.append_leaving(label, parts, 0)
     }
 
-    /// Makes the open chunk durable. A chunk that the disk refuses is given up and named record by record; it
-    /// is an error only when the file cannot go on.
-    pub fn seal(&mut self) -> Result<Sealing, SequenceError> {
+    /// Whether a chunk is on its way to the disk.
+    pub fn is_sealing(&self) -> bool {
+        self.sealer.is_busy()
+    }
+
+    /// Sends the open chunk on its way to the disk; the next record begins another. One that was on its way before must
+    /// have [arrived](Self::sealed). With `is_beside` nobody waits here where the layer has a [`Syncer`] to give.
+    ///
+    /// [`Syncer`]: crate::file_layer::Syncer
+    pub fn begin_seal(&mut self, is_beside: bool) -> Result<(), SequenceError> {
         if self.index.is_empty() {
-            return Ok(Sealing::Done);
+            return Ok(());
         }
         self.append_index()?;
-        self.commit()
+        self.commit(is_beside)
+    }
+
+    /// What became of the chunk that was on its way; `None` while it is, or when there was none. With `waits` it is
+    /// waited for. A chunk that the disk refuses is given up and named record by record; it is an error only when the
+    /// file cannot go on.
+    pub fn sealed(&mut self, waits: bool) -> Option<Sealing> {
+        let arrived = self.sealer.advance(&mut *self.layer, self.file_id, waits);
+        let (mut chunk, is_durable) = arrived?;
+        let sealing = if is_durable {
+            Sealing::Done
+        } else {
+            Sealing::Lost(chunk.index.iter().map(label_of).collect())
+        };
+        chunk.index.clear();
+        self.spare_index = chunk.index;
+        self.layer.release_before(chunk.end);
+        Some(sealing)
     }
 
     /// Appends the preamble once more, the index and the record `end` with the payload `end`, and seals the
-    /// chunk; the room for this was kept. When it was lost, this can be called again.
+    /// chunk; the room for this was kept. When it was lost, this can be called again. A chunk that was on its way must
+    /// have [arrived](Self::sealed).
     pub fn close(&mut self, end: &[u8]) -> Result<Sealing, SequenceError> {
         if self.index.is_empty() {
             self.open_chunk()?;
@@ -205,7 +236,8 @@ impl ChunkWriter {
         }
         self.append_index()?;
         self.write_record(RecordLabel::of(RecordKind::End, 0), &[end])?;
-        self.commit()
+        self.commit(false)?;
+        Ok(self.sealed(true).unwrap_or(Sealing::Done))
     }
 
     /// Cuts the space off that was reserved and not used; returns the length of the file in bytes.
@@ -305,10 +337,10 @@ impl ChunkWriter {
         // The header last: until it stands, a follower finds no record here.
         let mut part_offset = offset + size_of::<RecordHeader>() as u64;
         for part in parts.iter().copied().chain([padding]) {
-            self.write_all(part_offset, part)?;
+            write_all(&mut *self.layer, part_offset, part)?;
             part_offset += part.len() as u64;
         }
-        self.write_all(offset, header.as_bytes())?;
+        write_all(&mut *self.layer, offset, header.as_bytes())?;
         crc = crc32c::crc32c_append(crc, header.as_bytes());
         for part in parts.iter().copied().chain([padding]) {
             crc = crc32c::crc32c_append(crc, part);
@@ -342,8 +374,8 @@ impl ChunkWriter {
         written
     }
 
-    /// Header and records durable, then the mark, durable; in this order.
-    fn commit(&mut self) -> Result<Sealing, SequenceError> {
+    /// Sends the open chunk, which has its index, to the disk.
+    fn commit(&mut self, is_beside: bool) -> Result<(), SequenceError> {
         let start = self.chunk_start;
         let records_bytes = self.unsealed_bytes();
         let index_offset = self.index.last().map_or(RECORDS_OFFSET, |last| {
@@ -363,55 +395,17 @@ impl ChunkWriter {
             offset: start,
             bytes: records_bytes,
         })?;
-        let durable = self.make_durable(&header, start, end);
-        let sealing = match durable {
-            Ok(()) => Sealing::Done,
-            Err(error) => {
-                // What the disk refused once it may report as written the next time: the chunk is given up.
-                // A void one takes its place, so that readers hop over it.
-                drop(error);
-                let void = ChunkHeader::sealed(
-                    self.file_id,
-                    self.chunk_number,
-                    records_bytes,
-                    0,
-                    RECORDS_OFFSET as u32,
-                    self.first_sequence,
-                    0,
-                );
-                // When not even that can be written or made durable, readers look for the next chunk themselves,
-                // and a frame may then be both in the file and in a gap.
-                let _ = self
-                    .write_all(start, void.as_bytes())
-                    .and_then(|()| self.write_all(start + 64, void.commit_mark().as_bytes()))
-                    .and_then(|()| Ok(uninterrupted(|| self.layer.sync(start, PAGE))?));
-                let label = |entry: &IndexBytes| RecordLabel {
-                    kind: entry.kind.get(),
-                    stream: entry.stream.get(),
-                    flags: entry.flags.get(),
-                    number: entry.number.get(),
-                    device_nanos: entry.device_nanos.get(),
-                };
-                Sealing::Lost(self.index.iter().map(label).collect())
-            }
+        let spare = std::mem::take(&mut self.spare_index);
+        let chunk = ClosedChunk {
+            start,
+            end,
+            header,
+            index: std::mem::replace(&mut self.index, spare),
         };
         self.chunk_start = end;
         self.chunk_number += 1;
         self.empty_chunk();
-        self.layer.release_before(end);
-        Ok(sealing)
-    }
-
-    fn make_durable(
-        &mut self,
-        header: &ChunkHeader,
-        start: u64,
-        end: u64,
-    ) -> Result<(), SequenceError> {
-        self.write_all(start, header.as_bytes())?;
-        uninterrupted(|| self.layer.sync(start, end - start))?;
-        self.write_all(start + 64, header.commit_mark().as_bytes())?;
-        Ok(uninterrupted(|| self.layer.sync(start, PAGE))?)
+        self.sealer.begin(&mut *self.layer, chunk, is_beside)
     }
 
     fn empty_chunk(&mut self) {
@@ -451,18 +445,12 @@ impl ChunkWriter {
             }
         }
     }
+}
 
-    fn write_all(&mut self, mut offset: u64, mut bytes: &[u8]) -> Result<(), SequenceError> {
-        while !bytes.is_empty() {
-            match uninterrupted(|| self.layer.write_at(offset, bytes))? {
-                0 => return Err(io::Error::from(io::ErrorKind::WriteZero).into()),
-                count => {
-                    offset += count as u64;
-                    bytes = &bytes[count.min(bytes.len())..];
-                }
-            }
-        }
-        Ok(())
+impl Drop for ChunkWriter {
+    fn drop(&mut self) {
+        // What was on its way keeps the promise that a sealed chunk is one.
+        let _ = self.sealed(true);
     }
 }
 
@@ -473,6 +461,17 @@ impl std::fmt::Debug for ChunkWriter {
             .field("chunk_number", &self.chunk_number)
             .field("bytes", &self.bytes())
             .finish_non_exhaustive()
+    }
+}
+
+/// The label that an index names.
+fn label_of(entry: &IndexBytes) -> RecordLabel {
+    RecordLabel {
+        kind: entry.kind.get(),
+        stream: entry.stream.get(),
+        flags: entry.flags.get(),
+        number: entry.number.get(),
+        device_nanos: entry.device_nanos.get(),
     }
 }
 
@@ -487,14 +486,4 @@ pub(crate) fn is_full(error: &io::Error) -> bool {
         error.kind(),
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge
     )
-}
-
-/// Calls again as long as a signal interrupts.
-fn uninterrupted<T>(mut call: impl FnMut() -> io::Result<T>) -> io::Result<T> {
-    loop {
-        match call() {
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            result => return result,
-        }
-    }
 }

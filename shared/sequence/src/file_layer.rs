@@ -21,6 +21,11 @@ pub trait FileLayer: Send {
     fn write_at(&mut self, offset: u64, bytes: &[u8]) -> io::Result<usize>;
     /// Returns when `offset..offset + bytes` is durable.
     fn sync(&mut self, offset: u64, bytes: u64) -> io::Result<()>;
+    /// What makes stretches of this file durable while others are stored here; `None` where only [`FileLayer::sync`]
+    /// does.
+    fn syncer(&self) -> io::Result<Option<Box<dyn Syncer>>> {
+        Ok(None)
+    }
     /// Cuts the file to `bytes` and makes its length durable.
     fn set_len(&mut self, bytes: u64) -> io::Result<()>;
     /// Bytes that this user can still write to the file system.
@@ -30,6 +35,12 @@ pub trait FileLayer: Send {
     fn begin_writing(&mut self, _offset: u64, _bytes: u64) {}
     /// Everything before `offset` is durable and will not be written again: its memory can go.
     fn release_before(&mut self, offset: u64);
+}
+
+/// Waits for the disk in a thread of its own.
+pub trait Syncer: Send {
+    /// As [`FileLayer::sync`]; nobody stores to `offset..offset + bytes` meanwhile.
+    fn sync(&mut self, offset: u64, bytes: u64) -> io::Result<()>;
 }
 
 /// How bytes reach the file.
@@ -153,6 +164,10 @@ impl FileLayer for MappedFile {
         }
     }
 
+    fn syncer(&self) -> io::Result<Option<Box<dyn Syncer>>> {
+        Ok(Some(Box::new(MappedSyncer(self.file.try_clone()?))))
+    }
+
     fn set_len(&mut self, bytes: u64) -> io::Result<()> {
         self.window = None;
         self.file.set_len(bytes)?;
@@ -172,6 +187,15 @@ impl FileLayer for MappedFile {
         self.window = None;
         forget(&self.file, self.released, offset);
         self.released = offset;
+    }
+}
+
+/// Syncs what is stored through maps, by a map of its own: only that asks the system for a stretch of a file.
+struct MappedSyncer(File);
+
+impl Syncer for MappedSyncer {
+    fn sync(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
+        WriteWindow::new(&self.0, offset, offset.saturating_add(bytes))?.sync(offset, bytes)
     }
 }
 
@@ -199,6 +223,10 @@ impl FileLayer for PlainFile {
         self.file.sync_data()
     }
 
+    fn syncer(&self) -> io::Result<Option<Box<dyn Syncer>>> {
+        Ok(Some(Box::new(PlainSyncer(self.file.try_clone()?))))
+    }
+
     fn set_len(&mut self, bytes: u64) -> io::Result<()> {
         self.file.set_len(bytes)?;
         self.file.sync_all()
@@ -218,6 +246,15 @@ impl FileLayer for PlainFile {
     }
 }
 
+/// Syncs what is stored through `pwrite`: all of it.
+struct PlainSyncer(File);
+
+impl Syncer for PlainSyncer {
+    fn sync(&mut self, _offset: u64, _bytes: u64) -> io::Result<()> {
+        self.0.sync_data()
+    }
+}
+
 fn free_bytes(file: &File) -> io::Result<u64> {
     let stat = rustix::fs::fstatvfs(file)?;
     Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
@@ -230,4 +267,32 @@ fn forget(file: &File, start: u64, end: u64) {
         // Advice: a system that cannot follow it keeps the pages.
         let _ = fadvise(file, start, Some(bytes), Advice::DontNeed);
     }
+}
+
+/// Calls again as long as a signal interrupts.
+pub(crate) fn uninterrupted<T>(mut call: impl FnMut() -> io::Result<T>) -> io::Result<T> {
+    loop {
+        match call() {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            result => return result,
+        }
+    }
+}
+
+/// Stores all of `bytes` at `offset`.
+pub(crate) fn write_all(
+    layer: &mut dyn FileLayer,
+    mut offset: u64,
+    mut bytes: &[u8],
+) -> io::Result<()> {
+    while !bytes.is_empty() {
+        match uninterrupted(|| layer.write_at(offset, bytes))? {
+            0 => return Err(io::ErrorKind::WriteZero.into()),
+            count => {
+                offset += count as u64;
+                bytes = &bytes[count.min(bytes.len())..];
+            }
+        }
+    }
+    Ok(())
 }

@@ -16,9 +16,10 @@ use crate::description::Description;
 use crate::error::SequenceError;
 use crate::file_layer::{self, FileLayer, WritePath};
 use crate::layout::{FLAG_REPEAT, PoseBytes};
+use crate::losses::{SmallRecords, gaps_of};
 use crate::record::{
-    End, Event, FramePose, FrameTimes, Gap, GapCause, Gravity, Histogram, Note, PoseSetHead,
-    RecordKind, StreamTotals, poses_header,
+    End, Event, FramePose, FrameTimes, Gap, Gravity, Histogram, Note, PoseSetHead, RecordKind,
+    StreamTotals, poses_header,
 };
 use crate::split::Split;
 
@@ -40,7 +41,9 @@ pub struct RecordingWriter {
     pose_sets: Vec<PoseSetHead>,
     totals: BTreeMap<u16, StreamTotals>,
     /// Records of the open chunk that are no frames.
-    unsealed: Unsealed,
+    unsealed: SmallRecords,
+    /// Those of the chunk that is on its way to the disk.
+    sealing: SmallRecords,
     lost: Vec<Gap>,
     /// Chunks in a row that the disk refused.
     refused_count: u32,
@@ -48,31 +51,6 @@ pub struct RecordingWriter {
 
 /// Chunks in a row that the disk may refuse before the recording ends.
 const MOST_REFUSED: u32 = 3;
-
-/// Small records, kept until they are durable: when the disk refuses their chunk, they are written again.
-/// Frames are too big to be kept; they become gaps.
-#[derive(Debug, Default)]
-struct Unsealed {
-    /// Label and length of each payload.
-    labels: Vec<(RecordLabel, usize)>,
-    /// The payloads, one after the other.
-    payloads: Vec<u8>,
-}
-
-impl Unsealed {
-    fn push(&mut self, label: RecordLabel, parts: &[&[u8]]) {
-        let start = self.payloads.len();
-        for part in parts {
-            self.payloads.extend_from_slice(part);
-        }
-        self.labels.push((label, self.payloads.len() - start));
-    }
-
-    fn clear(&mut self) {
-        self.labels.clear();
-        self.payloads.clear();
-    }
-}
 
 impl RecordingWriter {
     /// Begins a recording under its own name, which must be free: it can be followed, and what is sealed
@@ -133,7 +111,8 @@ impl RecordingWriter {
             chunk_nanos: None,
             pose_sets: Vec::new(),
             totals: BTreeMap::new(),
-            unsealed: Unsealed::default(),
+            unsealed: SmallRecords::default(),
+            sealing: SmallRecords::default(),
             lost: Vec::new(),
             refused_count: 0,
         })
@@ -304,14 +283,15 @@ impl RecordingWriter {
     }
 
     /// Whether the open chunk is old or big enough to be sealed. `now_nanos` is of any clock that runs with the
-    /// recording, always the same one.
+    /// recording, always the same one. While the chunk before is on its way, age does not count: a disk that is slow gets
+    /// longer chunks.
     pub fn is_due(&mut self, now_nanos: i64) -> bool {
         if self.chunks.unsealed_bytes() == 0 {
             self.chunk_nanos = None;
             return false;
         }
         let since = *self.chunk_nanos.get_or_insert(now_nanos);
-        let is_old = now_nanos.saturating_sub(since) >= CHUNK_NANOS;
+        let is_old = now_nanos.saturating_sub(since) >= CHUNK_NANOS && !self.chunks.is_sealing();
         is_old || self.chunks.unsealed_bytes() >= CHUNK_BYTES
     }
 
@@ -325,12 +305,41 @@ impl RecordingWriter {
 
     /// Seals the open chunk. Frames that the disk refuses become gaps of the next chunk.
     pub fn seal(&mut self) -> Result<(), SequenceError> {
+        self.send_chunk(false)?;
+        self.await_seal()
+    }
+
+    /// Begins to seal the open chunk and returns, where another thread can wait for the disk; what is written next is in
+    /// another chunk. A chunk that was on its way before is waited for. [`RecordingWriter::is_sealed`] tells the end.
+    pub fn begin_seal(&mut self) -> Result<(), SequenceError> {
+        self.send_chunk(true)
+    }
+
+    /// Whether no chunk is on its way to the disk (any more). Frames that the disk refused are gaps of the open chunk
+    /// then.
+    pub fn is_sealed(&mut self) -> Result<bool, SequenceError> {
+        if let Some(sealing) = self.chunks.sealed(false) {
+            self.note_losses(sealing)?;
+        }
+        Ok(!self.chunks.is_sealing())
+    }
+
+    /// Waits until no chunk is on its way to the disk.
+    pub fn await_seal(&mut self) -> Result<(), SequenceError> {
+        match self.chunks.sealed(true) {
+            Some(sealing) => self.note_losses(sealing),
+            None => Ok(()),
+        }
+    }
+
+    fn send_chunk(&mut self, is_beside: bool) -> Result<(), SequenceError> {
+        self.await_seal()?;
         self.chunk_nanos = None;
-        let sealing = self
-            .chunks
-            .seal()
+        self.chunks
+            .begin_seal(is_beside)
             .map_err(|error| error.in_file(&self.path))?;
-        self.note_losses(sealing)
+        std::mem::swap(&mut self.unsealed, &mut self.sealing);
+        Ok(())
     }
 
     /// Closes the file and makes it durable; one that was begun beside its name gets it. Frames that could
@@ -344,8 +353,10 @@ impl RecordingWriter {
     }
 
     fn close(&mut self, reason: &str) -> Result<Finished, SequenceError> {
+        self.await_seal()?;
         let mut end = self.end(reason);
         let sealing = self.chunks.close(&serde_json::to_vec(&end)?)?;
+        std::mem::swap(&mut self.unsealed, &mut self.sealing);
         if sealing != Sealing::Done {
             self.note_losses(sealing)?;
             end = self.end(reason);
@@ -393,7 +404,7 @@ impl RecordingWriter {
     fn note_losses(&mut self, sealing: Sealing) -> Result<(), SequenceError> {
         let Sealing::Lost(labels) = sealing else {
             self.refused_count = 0;
-            self.unsealed.clear();
+            self.sealing.clear();
             return Ok(());
         };
         self.refused_count += 1;
@@ -406,15 +417,8 @@ impl RecordingWriter {
                     .saturating_sub(u64::from(label.flags & FLAG_REPEAT));
             }
         }
-        let Unsealed {
-            labels: kept,
-            payloads,
-        } = std::mem::take(&mut self.unsealed);
-        let mut rest = payloads.as_slice();
-        for (label, length) in kept {
-            let (payload, behind) = rest.split_at(length);
+        for (label, payload) in std::mem::take(&mut self.sealing).records() {
             self.append(label, &[payload])?;
-            rest = behind;
         }
         for gap in gaps_of(&labels) {
             self.lost.push(gap.clone());
@@ -445,35 +449,6 @@ pub struct Finished {
     pub end: End,
     /// Frames that the disk refused.
     pub lost: Vec<Gap>,
-}
-
-/// The frames among `labels` as gaps, one for each run of numbers of a stream.
-fn gaps_of(labels: &[RecordLabel]) -> Vec<Gap> {
-    let mut frames: Vec<&RecordLabel> = labels
-        .iter()
-        .filter(|label| label.kind == RecordKind::Frame as u16)
-        .collect();
-    frames.sort_by_key(|label| (label.stream, label.number));
-    let mut gaps: Vec<Gap> = Vec::new();
-    for label in frames {
-        match gaps.last_mut() {
-            Some(gap)
-                if gap.stream == label.stream && gap.first_number + gap.count == label.number =>
-            {
-                gap.count += 1;
-            }
-            _ => gaps.push(Gap {
-                stream: label.stream,
-                first_number: label.number,
-                count: 1,
-                from_nanos: None,
-                to_nanos: None,
-                cause: Some(GapCause::DiskError),
-                note: String::new(),
-            }),
-        }
-    }
-    gaps
 }
 
 pub(crate) fn folder_of(path: &Path) -> &Path {

@@ -23,7 +23,7 @@ const CHUNK_FRAMES: u64 = 3;
 
 fn recording() -> Vec<u8> {
     let file = MemoryFile::default();
-    small::write(file.layer(), CHUNK_FRAMES).unwrap();
+    small::write(file.layer(), CHUNK_FRAMES, small::Waiting::InPlace).unwrap();
     let bytes = file.bytes();
     assert!(bytes.len() <= 30 << 10, "{} bytes", bytes.len());
     bytes

@@ -10,7 +10,7 @@ use sequence::writer::Finished;
 use sequence::{COLOR_STREAM, Contents, DEPTH_STREAM, SequenceError};
 
 use super::memory::{Fault, MemoryFile, Plan};
-use super::small::{self, Step};
+use super::small::{self, Step, Waiting};
 
 /// A frame by stream and number.
 type FrameKey = (u16, u64);
@@ -25,7 +25,12 @@ struct Run {
 }
 
 /// Writes the small recording as a recorder does: a full disk ends it.
-fn record(layer: Box<dyn FileLayer>, chunk_frames: u64, limits: DiskLimits) -> Run {
+fn record(
+    layer: Box<dyn FileLayer>,
+    chunk_frames: u64,
+    limits: DiskLimits,
+    waiting: Waiting,
+) -> Run {
     let mut run = Run {
         promised: BTreeSet::new(),
         accepted: BTreeSet::new(),
@@ -38,17 +43,19 @@ fn record(layer: Box<dyn FileLayer>, chunk_frames: u64, limits: DiskLimits) -> R
             return run;
         }
     };
-    let (mut frames, mut sealed) = (BTreeSet::new(), BTreeSet::new());
-    let written = small::write_records(&mut writer, chunk_frames, &mut |step| match step {
-        Step::Frame { stream, number } => {
-            frames.insert((stream, number));
-        }
-        Step::Gaps => {
-            run.accepted.insert((DEPTH_STREAM, small::MISSING));
-            run.accepted.insert((COLOR_STREAM, small::MISSING));
-        }
-        Step::Seal => sealed.clone_from(&frames),
-    });
+    let [mut frames, mut sent, mut sealed] = [const { BTreeSet::new() }; 3];
+    let written =
+        small::write_records(&mut writer, chunk_frames, waiting, &mut |step| match step {
+            Step::Frame { stream, number } => {
+                frames.insert((stream, number));
+            }
+            Step::Gaps => {
+                run.accepted.insert((DEPTH_STREAM, small::MISSING));
+                run.accepted.insert((COLOR_STREAM, small::MISSING));
+            }
+            Step::Sent => sent.clone_from(&frames),
+            Step::Seal => sealed.clone_from(&sent),
+        });
     let mut lost = writer.lost().to_vec();
     run.finished = match written {
         Ok(()) => writer.finish("complete"),
@@ -139,6 +146,11 @@ fn limits_of(kind: usize) -> DiskLimits {
     }
 }
 
+/// A case with a writer that waits for the disk, and with one that goes on.
+fn both<T: Copy>(case: T) -> [(T, Waiting); 2] {
+    [Waiting::InPlace, Waiting::Beside].map(|waiting| (case, waiting))
+}
+
 /// Runs with `fault` at the first, second, third … call until none is left; how many there were.
 fn at_every_call(
     fault: Fault,
@@ -146,7 +158,8 @@ fn at_every_call(
     judge: &mut dyn FnMut(&MemoryFile, &Run, Plan),
 ) -> u64 {
     let mut run_count = 0;
-    for (chunk_frames, kind) in [(1, 0), (3, 0), (3, 1), (100, 1)] {
+    let chunks = [(1, 0), (3, 0), (3, 1), (100, 1)];
+    for ((chunk_frames, kind), waiting) in chunks.into_iter().flat_map(both) {
         for call in 1.. {
             let plan = Plan {
                 fault,
@@ -154,7 +167,7 @@ fn at_every_call(
                 is_lasting,
             };
             let file = MemoryFile::failing(plan);
-            let run = record(file.layer(), chunk_frames, limits_of(kind));
+            let run = record(file.layer(), chunk_frames, limits_of(kind), waiting);
             judge(&file, &run, plan);
             run_count += 1;
             if file.fault_count() == 0 {
@@ -205,13 +218,13 @@ fn signals_short_writes_and_slowness_leave_no_trace() {
         });
         println!("{fault:?}: {run_count} runs");
     }
-    for fault in [Fault::Short, Fault::Slow] {
+    for (fault, waiting) in [Fault::Short, Fault::Slow].into_iter().flat_map(both) {
         let file = MemoryFile::failing(Plan {
             fault,
             call: 1,
             is_lasting: true,
         });
-        let run = record(file.layer(), 3, limits_of(0));
+        let run = record(file.layer(), 3, limits_of(0), waiting);
         check(&run, &file.bytes(), &fault);
         assert!(file.fault_count() > 100);
     }
@@ -238,9 +251,10 @@ fn hc_k06_a_full_disk_ends_with_a_closed_file() {
     // Hold: every size of a disk, from one without room for a header to one with room for all.
     let (mut run_count, mut closed_count, mut short_count) = (0, 0, 0);
     for capacity in (0..200 << 10).step_by(1 << 10) {
-        for (chunk_frames, kind) in [(1, 0), (2, 0), (3, 0), (5, 0), (3, 1), (100, 0)] {
+        let chunks = [(1, 0), (2, 0), (3, 0), (5, 0), (3, 1), (100, 0)];
+        for ((chunk_frames, kind), waiting) in chunks.into_iter().flat_map(both) {
             let file = MemoryFile::on_disk_of(capacity);
-            let run = record(file.layer(), chunk_frames, limits_of(kind));
+            let run = record(file.layer(), chunk_frames, limits_of(kind), waiting);
             check(&run, &file.bytes(), &(capacity, chunk_frames));
             run_count += 1;
             match &run.finished {
@@ -296,7 +310,7 @@ impl FileLayer for NaiveRetry {
 #[test]
 fn hc_k10_a_sync_that_failed_is_never_believed() {
     let (mut naive_lost, mut lost, mut gap_count, mut run_count) = (0, 0, 0, 0);
-    for chunk_frames in [1, 2, 3, 5, 100] {
+    for (chunk_frames, waiting) in [1, 2, 3, 5, 100].into_iter().flat_map(both) {
         for call in 1.. {
             let plan = Plan {
                 fault: Fault::Broken,
@@ -304,7 +318,7 @@ fn hc_k10_a_sync_that_failed_is_never_believed() {
                 is_lasting: false,
             };
             let file = MemoryFile::failing(plan);
-            let run = record(file.layer(), chunk_frames, limits_of(0));
+            let run = record(file.layer(), chunk_frames, limits_of(0), waiting);
             lost += missing_of(&run, &file.durable_bytes()).len();
             check(&run, &file.bytes(), &plan);
             gap_count += run.finished.map_or(0, |finished| finished.lost.len());
@@ -314,6 +328,7 @@ fn hc_k10_a_sync_that_failed_is_never_believed() {
                 Box::new(NaiveRetry(naive_file.clone())),
                 chunk_frames,
                 limits_of(0),
+                waiting,
             );
             naive_lost += missing_of(&naive_run, &naive_file.durable_bytes()).len();
             if file.fault_count() == 0 {

@@ -15,7 +15,7 @@ fn no_mutant_makes_a_reader_panic_or_a_frame_up() {
         .collect();
     for chunk_frames in [3, 100] {
         let file = MemoryFile::default();
-        small::write(file.layer(), chunk_frames).unwrap();
+        small::write(file.layer(), chunk_frames, small::Waiting::InPlace).unwrap();
         files.push(file.bytes());
     }
     let corpus = Corpus::new(files);

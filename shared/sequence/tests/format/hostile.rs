@@ -23,7 +23,7 @@ use super::{seal, small};
 
 fn recording(chunk_frames: u64) -> Vec<u8> {
     let file = MemoryFile::default();
-    small::write(file.layer(), chunk_frames).unwrap();
+    small::write(file.layer(), chunk_frames, small::Waiting::InPlace).unwrap();
     file.bytes()
 }
 
@@ -365,7 +365,7 @@ fn hc_k05_a_bomb_costs_its_frame_and_no_memory() {
     let path = folder.path().join("bomb.glint");
     let layer = file_layer::create(&path, WritePath::Pwrite).unwrap();
     let mut writer = small::begin(layer, small::limits()).unwrap();
-    small::write_records(&mut writer, 3, &mut |_| {}).unwrap();
+    small::write_records(&mut writer, 3, small::Waiting::InPlace, &mut |_| {}).unwrap();
     let times = small::times(small::FRAME_COUNT + 1);
     writer.write_frame(DEPTH_STREAM, &times, &bomb).unwrap();
     writer.finish("complete").unwrap();

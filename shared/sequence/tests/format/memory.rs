@@ -2,9 +2,9 @@
 
 use std::collections::BTreeSet;
 use std::io;
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-use sequence::file_layer::FileLayer;
+use sequence::file_layer::{FileLayer, Syncer};
 
 const PAGE: usize = 4096;
 
@@ -53,12 +53,19 @@ struct State {
     capacity: Option<usize>,
     call_count: u64,
     fault_count: u64,
+    /// End of what was written, as far as it goes.
+    written_end: usize,
     log: Vec<Operation>,
 }
 
 /// Bytes that a writer fills and others can look at meanwhile.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct MemoryFile(Arc<Mutex<State>>);
+pub(crate) struct MemoryFile {
+    state: Arc<Mutex<State>>,
+    written: Arc<Condvar>,
+    /// What is synced beside the writer is so when the writer is so many bytes behind it.
+    late_bytes: usize,
+}
 
 impl MemoryFile {
     /// A file whose calls fail by plan.
@@ -73,6 +80,14 @@ impl MemoryFile {
         let file = Self::default();
         file.state().capacity = Some(capacity);
         file
+    }
+
+    /// A file whose disk is late: records are synced when the writer is in the next chunk.
+    pub(crate) fn late() -> Self {
+        Self {
+            late_bytes: 512,
+            ..Self::default()
+        }
     }
 
     /// What a writer writes to.
@@ -101,7 +116,7 @@ impl MemoryFile {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        self.0.lock().unwrap()
+        self.state.lock().unwrap()
     }
 }
 
@@ -181,6 +196,8 @@ impl FileLayer for MemoryFile {
         state
             .dirty
             .extend(start / PAGE..(start + count).div_ceil(PAGE));
+        state.written_end = state.written_end.max(start + count);
+        self.written.notify_all();
         state.log.push(Operation::Write {
             offset: start,
             bytes: bytes.to_vec(),
@@ -201,6 +218,10 @@ impl FileLayer for MemoryFile {
         Ok(())
     }
 
+    fn syncer(&self) -> io::Result<Option<Box<dyn Syncer>>> {
+        Ok(Some(Box::new(Beside(self.clone()))))
+    }
+
     fn set_len(&mut self, bytes: u64) -> io::Result<()> {
         let mut state = self.state();
         error_of(state.fault(false))?;
@@ -217,4 +238,22 @@ impl FileLayer for MemoryFile {
     }
 
     fn release_before(&mut self, _offset: u64) {}
+}
+
+/// Syncs a file in another thread.
+struct Beside(MemoryFile);
+
+impl Syncer for Beside {
+    fn sync(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
+        let Self(file) = self;
+        let end = (offset + bytes) as usize;
+        // A mark, which has a page for itself, may be the last that the writer waits for.
+        let is_mark = bytes == PAGE as u64;
+        let enough = if is_mark { 0 } else { end + file.late_bytes };
+        let waited = file.written.wait_while(file.state(), |state| {
+            file.late_bytes > 0 && state.written_end < enough
+        });
+        drop(waited.unwrap_or_else(PoisonError::into_inner));
+        file.sync(offset, bytes)
+    }
 }

@@ -3,11 +3,16 @@
 use sequence::file_layer::{self, WritePath};
 use sequence::{COLOR_STREAM, DEPTH_STREAM, PoseState, Recording};
 
-use super::small;
+use super::small::{self, Waiting};
 
 fn write_to(folder: &tempfile::TempDir, path: WritePath, chunk_frames: u64) -> std::path::PathBuf {
     let name = folder.path().join(format!("{path:?}-{chunk_frames}.glint"));
-    small::write(file_layer::create(&name, path).unwrap(), chunk_frames).unwrap();
+    small::write(
+        file_layer::create(&name, path).unwrap(),
+        chunk_frames,
+        Waiting::InPlace,
+    )
+    .unwrap();
     name
 }
 

@@ -197,13 +197,23 @@ pub(crate) fn payload(stream: u16, number: u64) -> Option<Vec<u8>> {
     Some(payload)
 }
 
+/// How chunks are sealed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Waiting {
+    /// The writer waits for the disk.
+    InPlace,
+    /// It goes on with the next chunk.
+    Beside,
+}
+
 /// Writes the small recording; a chunk is sealed every `chunk_frames` pairs.
 pub(crate) fn write(
     layer: Box<dyn FileLayer>,
     chunk_frames: u64,
+    waiting: Waiting,
 ) -> Result<Finished, SequenceError> {
     let mut writer = begin(layer, limits())?;
-    write_records(&mut writer, chunk_frames, &mut |_| {})?;
+    write_records(&mut writer, chunk_frames, waiting, &mut |_| {})?;
     writer.finish("complete")
 }
 
@@ -230,7 +240,9 @@ pub(crate) enum Step {
     Frame { stream: u16, number: u64 },
     /// Both gaps.
     Gaps,
-    /// All before was sealed, or given up.
+    /// All before is on its way to the disk.
+    Sent,
+    /// All before the last [`Step::Sent`] was sealed, or given up.
     Seal,
 }
 
@@ -238,6 +250,7 @@ pub(crate) enum Step {
 pub(crate) fn write_records(
     writer: &mut RecordingWriter,
     chunk_frames: u64,
+    waiting: Waiting,
     done: &mut dyn FnMut(Step),
 ) -> Result<(), SequenceError> {
     let set = writer.begin_poses("live", "test", DEPTH_STREAM)?;
@@ -261,9 +274,22 @@ pub(crate) fn write_records(
             done(Step::Frame { stream, number });
         }
         writer.write_poses(set, &[pose(number)])?;
-        if (number + 1).is_multiple_of(chunk_frames) {
-            writer.seal()?;
-            done(Step::Seal);
+        let is_due = (number + 1).is_multiple_of(chunk_frames);
+        match waiting {
+            Waiting::InPlace if is_due => {
+                writer.seal()?;
+                done(Step::Sent);
+                done(Step::Seal);
+            }
+            // As the disk thread of the recorder does.
+            Waiting::Beside if is_due => {
+                writer.await_seal()?;
+                done(Step::Seal);
+                writer.begin_seal()?;
+                done(Step::Sent);
+            }
+            Waiting::Beside if writer.is_sealed()? => done(Step::Seal),
+            _ => {}
         }
     }
     write_closing_records(writer)
