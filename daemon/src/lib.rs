@@ -17,7 +17,7 @@
 //! Map, along the way of a frame: [`source_spec`] what stands on the command line · [`source`] what a source is · [`replay`] a
 //! recording as a camera · [`frame`] frames and their pools · [`drops`] what is missing, and why · [`pair`] depth with colour ·
 //! [`record`] encoding · [`fuse`] tracking and fusion · [`message`] encoded records in a ring of bytes · [`disk`] the
-//! writer · [`mesh`] the surface at the end · [`capture`] the threads · [`clock`] and [`status`] what they share · [`latency`] and [`outcome`] what is
+//! writer · [`mesh`] the surface at the end · [`capture`] the threads · `priority` what they ask of the system · [`clock`] and [`status`] what they share · [`latency`] and [`outcome`] what is
 //! counted · [`service`] what systemd
 //! is told · [`shelf`] names of files, and which are removed · [`inspect`] info, verify, recover, cut · [`cli`] the command line.
 //!
@@ -46,6 +46,7 @@ pub mod message;
 pub mod openni2;
 pub mod outcome;
 pub mod pair;
+mod priority;
 pub mod ps1080;
 pub mod record;
 pub mod replay;

@@ -26,6 +26,12 @@ pub trait FrameSource: Send {
     /// Whether it can be paused: it then waits for free frames, and nobody skips or drops.
     fn waits(&self) -> bool;
 
+    /// Whether it is a device that loses what is not taken in time: its threads run before other programs, where the
+    /// system lets them.
+    fn is_device(&self) -> bool {
+        false
+    }
+
     /// Bytes of the largest colour frame as the source sends it.
     fn most_color_bytes(&self) -> usize;
 

@@ -23,6 +23,7 @@ use crate::fuse::report::FuseReport;
 use crate::latency::Work;
 use crate::message::{self, MessageKind, MessageSender};
 use crate::pair::{PairReport, Sent, Unit, pair_frames};
+use crate::priority::{self, Priority};
 use crate::record::{RecordEnds, Recorder};
 use crate::source::{self, FrameSource, SourceEnds, SourceReport};
 use crate::status::{EndReason, Status, StatusNow, StopFlag};
@@ -119,6 +120,10 @@ impl<'capture> Threads<'capture> {
             status,
         )?;
         let (event_sender, event_receiver) = bounded(source::CHANNEL_EVENTS);
+        if source.is_device() {
+            // Before the file is mapped, whose pages are to go to the disk.
+            priority::stay_in_memory();
+        }
         let disk_ends = DiskEnds {
             records,
             fuse: messages,
@@ -175,6 +180,12 @@ impl<'capture> Threads<'capture> {
         } = self;
         let (clock, duration) = (options.clock, options.duration);
         let widest_nanos = frame_source.widest_pair_nanos();
+        let is_device = frame_source.is_device();
+        let ask = move |priority: Priority| {
+            if is_device {
+                priority.ask();
+            }
+        };
         let disk_bell = disk_parker.unparker().clone();
         std::thread::scope(|scope| {
             let spawn = |name: &str| std::thread::Builder::new().name(name.to_owned());
@@ -182,13 +193,20 @@ impl<'capture> Threads<'capture> {
                 Some(fuser) => Some(spawn("fuse").spawn_scoped(scope, move || fuser.run())?),
                 None => None,
             };
-            let source = spawn("source")
-                .spawn_scoped(scope, move || frame_source.run(source, clock, status, stop))?;
+            let source = spawn("source").spawn_scoped(scope, move || {
+                ask(Priority::Source);
+                frame_source.run(source, clock, status, stop)
+            })?;
             let pair = spawn("pair").spawn_scoped(scope, move || {
+                ask(Priority::Pair);
                 pair_frames(pair.from, pair.to, widest_nanos, &pair.parker, &pair.record)
             })?;
-            let record = spawn("record").spawn_scoped(scope, move || recorder.run())?;
+            let record = spawn("record").spawn_scoped(scope, move || {
+                ask(Priority::Record);
+                recorder.run()
+            })?;
             let disk = spawn("disk").spawn_scoped(scope, move || {
+                ask(Priority::Disk);
                 disk.run(&disk_parker, || {
                     stop.reason().unwrap_or(EndReason::Complete)
                 })
@@ -270,17 +288,29 @@ impl<'capture> Fusion<'capture> {
 /// Free depth frames, with the ways back of record and fuse.
 fn depth_pool(sizes: &Sizes) -> (FreeFrames<DepthFrame>, [Returns<DepthFrame>; 2]) {
     pool((0..POOL_FRAMES).map(|_| DepthFrame {
-        samples: vec![0; sizes.pixel_count],
+        samples: touched(sizes.pixel_count),
         ..DepthFrame::default()
     }))
 }
 
 /// Free colour frames, with the ways back of record and fuse.
 fn color_pool(sizes: &Sizes) -> (FreeFrames<ColorFrame>, [Returns<ColorFrame>; 2]) {
-    pool((0..POOL_FRAMES).map(|_| ColorFrame {
-        bytes: Vec::with_capacity(sizes.most_color_bytes),
-        ..ColorFrame::default()
+    pool((0..POOL_FRAMES).map(|_| {
+        let mut bytes = touched(sizes.most_color_bytes);
+        bytes.clear();
+        ColorFrame {
+            bytes,
+            ..ColorFrame::default()
+        }
     }))
+}
+
+/// `count` zeros whose pages are in memory: zeros from the allocator come with the first touch, which would be made by the
+/// thread that can wait least.
+fn touched<T: Default + Copy>(count: usize) -> Vec<T> {
+    std::iter::repeat_with(|| std::hint::black_box(T::default()))
+        .take(count)
+        .collect()
 }
 
 /// Makes the file.

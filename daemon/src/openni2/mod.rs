@@ -144,6 +144,10 @@ impl FrameSource for OpenNi2 {
         self.is_file
     }
 
+    fn is_device(&self) -> bool {
+        !self.is_file
+    }
+
     fn most_color_bytes(&self) -> usize {
         let camera = &self.streams.color.intrinsics;
         let pixel_count = camera.width() as usize * camera.height() as usize;

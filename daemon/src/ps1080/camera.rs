@@ -137,6 +137,10 @@ impl FrameSource for Camera {
         self.session.usb.time_waits()
     }
 
+    fn is_device(&self) -> bool {
+        !self.waits()
+    }
+
     fn most_color_bytes(&self) -> usize {
         let (width, height) = self.wanted.color_resolution.size();
         match self.format.line_bytes(width) {

@@ -1,8 +1,7 @@
 //! USB by libusb: the raw layer for asynchronous transfers, rusb for the rest. The only folder of the driver with unsafe
-//! code, all of it in `transfer` and `realtime`.
+//! code, all of it in `transfer`.
 
 mod find;
-mod realtime;
 mod transfer;
 mod transport;
 

@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 use ps1080::usb::{INTERFACE, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, TransferKind};
 use rusb::{Context, Device, DeviceHandle, TransferType, UsbContext as _};
 
-use super::realtime;
 use super::transfer::{Ended, Idle, InFlight};
 use crate::clock::HostClock;
 use crate::ps1080::usb::{Arrival, QueueShape, UsbError, UsbTransport};
@@ -214,11 +213,6 @@ impl UsbTransport for LibusbTransport {
         let endpoint = *self
             .endpoint(self.setting, address)
             .ok_or(UsbError::NotFound)?;
-        if self.queues.is_empty() && !realtime::ask() {
-            tracing::info!(
-                "no right to real-time priority: a busy machine may lose packets; `glintd doctor` says how to get it"
-            );
-        }
         let mut flight = VecDeque::with_capacity(shape.transfer_count);
         for _ in 0..shape.transfer_count {
             let transfer = Idle::new(
