@@ -201,10 +201,7 @@ impl<'capture> Threads<'capture> {
                 ask(Priority::Pair);
                 pair_frames(pair.from, pair.to, widest_nanos, &pair.parker, &pair.record)
             })?;
-            let record = spawn("record").spawn_scoped(scope, move || {
-                ask(Priority::Record);
-                recorder.run()
-            })?;
+            let record = spawn("record").spawn_scoped(scope, move || recorder.run(is_device))?;
             let disk = spawn("disk").spawn_scoped(scope, move || {
                 ask(Priority::Disk);
                 disk.run(&disk_parker, || {

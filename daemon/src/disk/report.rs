@@ -53,7 +53,7 @@ pub struct DiskReport {
     pub gaps: Vec<Gap>,
     /// Device times of the first and the last frame, nanoseconds.
     pub device_nanos: Option<[i64; 2]>,
-    /// Time that passed to encode and store a depth frame and the colour frame after it.
+    /// Time that passed to encode and store a depth frame and the colour frame of its pair, added up: they overlap.
     pub pair_wall: Latencies,
     /// The same in time of a processor.
     pub pair_core: Latencies,

@@ -134,7 +134,7 @@ impl Stalled {
         drop(self.units);
         std::thread::scope(|scope| {
             let recorder = self.recorder;
-            let running = scope.spawn(move || recorder.run());
+            let running = scope.spawn(move || recorder.run(false));
             // The disk takes what it can get, now and then.
             let mut seen = Vec::new();
             let mut payload = Vec::new();

@@ -1,5 +1,7 @@
 //! The record thread: frames are encoded and handed to the disk. It never waits for the disk, unless the source
-//! can be paused.
+//! can be paused. Colour is encoded in a thread of its own.
+
+mod color;
 
 use std::time::Duration;
 
@@ -8,11 +10,12 @@ use crossbeam::sync::{Parker, Unparker};
 use ringbuf::HeapCons;
 use ringbuf::traits::{Consumer as _, Observer as _};
 use sequence::codecs::{CodeTable, DepthCodec, MAX_CODES};
-use sequence::encode::{ColorStreamEncoder, DepthStreamEncoder};
+use sequence::encode::DepthStreamEncoder;
 use sequence::layout::{FrameHeader, GapHeader};
 use sequence::{COLOR_STREAM, DEPTH_STREAM, GapCause, SequenceError, Streams};
 use zerocopy::IntoBytes as _;
 
+use self::color::{ColorLink, ColorTask, color_task};
 use crate::capture::LONGEST_PARK;
 use crate::drops::Drop;
 use crate::frame::{ColorFrame, DepthFrame, Returns};
@@ -20,6 +23,7 @@ use crate::fuse::frames::{FuseLink, FuseUnit};
 use crate::latency::Work;
 use crate::message::{HEAD_BYTES, MessageKind, MessageSender};
 use crate::pair::Unit;
+use crate::priority::Priority;
 use crate::status::Status;
 
 /// Room for gaps and a table beside the frames of a unit, bytes.
@@ -52,12 +56,13 @@ pub struct Recorder<'status> {
     ends: RecordEnds,
     status: &'status Status,
     depth_encoder: DepthStreamEncoder,
-    color_encoder: ColorStreamEncoder,
+    color: ColorLink,
+    /// Until it runs.
+    color_task: Option<ColorTask>,
     /// The source waits when the ring is full.
     waits: bool,
     last: [StreamState; 2],
     previous_depth: Vec<u16>,
-    previous_color: Vec<u8>,
     pixel_count: usize,
     /// Bytes of a raw colour frame; `None` for JPEG, whose frames differ.
     color_bytes: Option<usize>,
@@ -85,11 +90,10 @@ impl<'status> Recorder<'status> {
         status: &'status Status,
     ) -> Result<Self, SequenceError> {
         let depth_encoder = DepthStreamEncoder::new(streams, depth_codec)?;
-        let color_encoder = ColorStreamEncoder::new(streams)?;
+        let (color_task, color, most_color_payload) = color_task(streams, most_color_bytes)?;
         let camera = &streams.depth.intrinsics;
         let pixel_count = camera.width() as usize * camera.height() as usize;
         let heads = 2 * (HEAD_BYTES + size_of::<FrameHeader>());
-        let most_color_payload = color_encoder.max_payload_bytes().max(most_color_bytes);
         let state = || StreamState {
             nanos: None,
             drops: Vec::with_capacity(256),
@@ -104,17 +108,39 @@ impl<'status> Recorder<'status> {
             pixel_count,
             color_bytes: streams.color.encoding.lossless().map(|_| most_color_bytes),
             depth_encoder,
-            color_encoder,
+            color,
+            color_task: Some(color_task),
             waits,
             last: [state(), state()],
             previous_depth: Vec::with_capacity(pixel_count),
-            previous_color: Vec::with_capacity(most_color_bytes),
             is_warned: false,
         })
     }
 
-    /// Records until the pair thread is gone; returns the way to the disk for what comes last.
-    pub fn run(mut self) -> Result<MessageSender, SequenceError> {
+    /// Records until the pair thread is gone; returns the way to the disk for what comes last. With `is_urgent` it asks to
+    /// run before other programs.
+    pub fn run(mut self, is_urgent: bool) -> Result<MessageSender, SequenceError> {
+        let ask = move || {
+            if is_urgent {
+                Priority::Record.ask();
+            }
+        };
+        let task = self.color_task.take();
+        std::thread::scope(|scope| {
+            if let Some(task) = task {
+                let color = std::thread::Builder::new().name("color".to_owned());
+                color.spawn_scoped(scope, move || {
+                    ask();
+                    task.run();
+                })?;
+            }
+            ask();
+            self.record_all()
+        })
+    }
+
+    /// Ends the colour thread by its own end.
+    fn record_all(mut self) -> Result<MessageSender, SequenceError> {
         loop {
             match self.ends.from.try_pop() {
                 Some(unit) => self.record(unit)?,
@@ -148,35 +174,20 @@ impl<'status> Recorder<'status> {
             Unit::Depth(depth) => (Some(depth), None),
             Unit::Color(color) => (None, Some(color)),
         };
-        let (mut kept_depth, mut kept_color) = (None, None);
-        if let Some(mut frame) = depth {
-            if frame.samples.len() != self.pixel_count {
-                self.drop_frame(DEPTH_STREAM, frame.times.number, GapCause::Corrupt);
-                self.ends.depth_returns.give(frame);
-            } else if has_room {
-                self.record_depth(&mut frame)?;
-                kept_depth = Some(frame);
-            } else {
-                self.drop_frame(DEPTH_STREAM, frame.times.number, GapCause::RingFull);
-                self.ends.depth_returns.give(frame);
-            }
+        let color = color.and_then(|frame| self.accept_color(frame, has_room));
+        let is_color = color.is_some();
+        if let Some(frame) = color {
+            self.color.begin(frame);
         }
-        if let Some(mut frame) = color {
-            let is_short = match self.color_bytes {
-                Some(bytes) => frame.bytes.len() != bytes,
-                None => frame.bytes.is_empty(),
-            };
-            if is_short {
-                self.drop_frame(COLOR_STREAM, frame.times.number, GapCause::Corrupt);
-                self.ends.color_returns.give(frame);
-            } else if has_room {
-                self.record_color(&mut frame)?;
-                kept_color = Some(frame);
-            } else {
-                self.drop_frame(COLOR_STREAM, frame.times.number, GapCause::RingFull);
-                self.ends.color_returns.give(frame);
-            }
+        let mut kept_depth = depth.and_then(|frame| self.accept_depth(frame, has_room));
+        if let Some(frame) = &mut kept_depth {
+            self.record_depth(frame)?;
         }
+        let kept_color = if is_color {
+            Some(self.record_color()?)
+        } else {
+            None
+        };
         self.ends.disk.unpark();
         self.pass_on(kept_depth, kept_color);
         self.ends.source.unpark();
@@ -217,6 +228,38 @@ impl<'status> Recorder<'status> {
         }
     }
 
+    /// The frame, if it is to be recorded; else it is dropped.
+    fn accept_depth(&mut self, frame: Box<DepthFrame>, has_room: bool) -> Option<Box<DepthFrame>> {
+        let cause = if frame.samples.len() != self.pixel_count {
+            GapCause::Corrupt
+        } else if has_room {
+            return Some(frame);
+        } else {
+            GapCause::RingFull
+        };
+        self.drop_frame(DEPTH_STREAM, frame.times.number, cause);
+        self.ends.depth_returns.give(frame);
+        None
+    }
+
+    /// The frame, if it is to be recorded; else it is dropped.
+    fn accept_color(&mut self, frame: Box<ColorFrame>, has_room: bool) -> Option<Box<ColorFrame>> {
+        let is_short = match self.color_bytes {
+            Some(bytes) => frame.bytes.len() != bytes,
+            None => frame.bytes.is_empty(),
+        };
+        let cause = if is_short {
+            GapCause::Corrupt
+        } else if has_room {
+            return Some(frame);
+        } else {
+            GapCause::RingFull
+        };
+        self.drop_frame(COLOR_STREAM, frame.times.number, cause);
+        self.ends.color_returns.give(frame);
+        None
+    }
+
     fn record_depth(&mut self, frame: &mut DepthFrame) -> Result<(), SequenceError> {
         let begun = Work::begin();
         frame.times.is_repeat =
@@ -249,23 +292,19 @@ impl<'status> Recorder<'status> {
         Ok(())
     }
 
-    fn record_color(&mut self, frame: &mut ColorFrame) -> Result<(), SequenceError> {
-        let begun = Work::begin();
-        frame.times.is_repeat = self.last[1].nanos.is_some() && self.previous_color == frame.bytes;
-        let times = frame.times;
+    /// Waits for the frame that was given to the colour thread.
+    fn record_color(&mut self) -> Result<Box<ColorFrame>, SequenceError> {
+        let encoded = self.color.finish()?;
+        let times = encoded.frame.times;
         self.send_gaps(COLOR_STREAM, times.number, Some(times.device_nanos));
-        if !times.is_repeat {
-            self.previous_color.clone_from(&frame.bytes);
-        }
-        let payload = self.color_encoder.encode(&frame.bytes)?;
         let header = times.header();
-        let work = begun.end();
-        let parts = [header.as_bytes(), payload];
+        let parts = [header.as_bytes(), &encoded.payload];
         self.ends
             .to
-            .send(MessageKind::Frame, COLOR_STREAM, work, parts);
+            .send(MessageKind::Frame, COLOR_STREAM, encoded.work, parts);
         self.last[1].nanos = Some(times.device_nanos);
-        Ok(())
+        self.color.recycle(encoded.payload);
+        Ok(encoded.frame)
     }
 
     fn drop_frame(&mut self, stream: u16, number: u64, cause: GapCause) {
