@@ -11,12 +11,13 @@ use std::io;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use glintd::capture::{CaptureOptions, capture_with};
 use glintd::outcome::resident_mb;
 use glintd::status::StopFlag;
-use sequence::file_layer::{self, FileLayer, WritePath};
+use sequence::file_layer::{self, FileLayer, Syncer, WritePath};
 use sequence::verify::verify;
 
 /// Busy threads beside the recorder.
@@ -26,35 +27,59 @@ const STALL_EVERY: Duration = Duration::from_secs(60);
 /// For so long.
 const STALL: Duration = Duration::from_secs(2);
 
-/// A file whose calls wait now and then.
-struct LateFile {
-    file: Box<dyn FileLayer>,
-    next_stall: Instant,
+/// A disk that stands still now and then: for all who call it.
+#[derive(Clone)]
+struct Late(Arc<Mutex<Instant>>);
+
+impl Late {
+    fn wait(&self) {
+        let mut next_stall = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if Instant::now() >= *next_stall {
+            std::thread::sleep(STALL);
+            *next_stall = Instant::now() + STALL_EVERY;
+        }
+    }
 }
 
-impl LateFile {
-    fn wait(&mut self) {
-        if Instant::now() >= self.next_stall {
-            std::thread::sleep(STALL);
-            self.next_stall = Instant::now() + STALL_EVERY;
-        }
+/// A file on it.
+struct LateFile {
+    file: Box<dyn FileLayer>,
+    disk: Late,
+}
+
+/// What syncs the file in another thread.
+struct LateSyncer {
+    syncer: Box<dyn Syncer>,
+    disk: Late,
+}
+
+impl Syncer for LateSyncer {
+    fn sync(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
+        self.disk.wait();
+        self.syncer.sync(offset, bytes)
     }
 }
 
 impl FileLayer for LateFile {
     fn allocate(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
-        self.wait();
+        self.disk.wait();
         self.file.allocate(offset, bytes)
     }
 
     fn write_at(&mut self, offset: u64, bytes: &[u8]) -> io::Result<usize> {
-        self.wait();
+        self.disk.wait();
         self.file.write_at(offset, bytes)
     }
 
     fn sync(&mut self, offset: u64, bytes: u64) -> io::Result<()> {
-        self.wait();
+        self.disk.wait();
         self.file.sync(offset, bytes)
+    }
+
+    fn syncer(&self) -> io::Result<Option<Box<dyn Syncer>>> {
+        let disk = self.disk.clone();
+        let late = |syncer| Box::new(LateSyncer { syncer, disk }) as Box<dyn Syncer>;
+        Ok(self.file.syncer()?.map(late))
     }
 
     fn set_len(&mut self, bytes: u64) -> io::Result<()> {
@@ -95,7 +120,7 @@ fn soak(recording: &str, output: &Path, seconds: &str) -> anyhow::Result<bool> {
     options.make_layer = Some(Box::new(|path: &Path| {
         Ok(Box::new(LateFile {
             file: file_layer::create(path, WritePath::Auto)?,
-            next_stall: Instant::now() + STALL_EVERY / 2,
+            disk: Late(Arc::new(Mutex::new(Instant::now() + STALL_EVERY / 2))),
         }))
     }));
     let stop = StopFlag::default();

@@ -244,7 +244,7 @@ fn shared_bus(cameras: &[CameraFolder]) -> Option<Finding> {
 /// Memory that the kernel grants to transfers of all programs.
 fn memory(roots: &Roots, camera_count: usize) -> Finding {
     let shape = QueueShape::default();
-    let needed = camera_count * 2 * shape.transfer_count * shape.bulk_bytes;
+    let needed = camera_count * 2 * shape.bulk_transfers * shape.bulk_bytes;
     let needed_mb = needed.div_ceil(MEGABYTE);
     let path = roots.sys.join("module/usbcore/parameters/usbfs_memory_mb");
     let granted: Option<usize> = read(&path).and_then(|text| text.parse().ok());

@@ -196,7 +196,7 @@ impl FrameSource for Camera {
             Err(error) => Err(error),
         };
         let is_gone = result.as_ref().is_err_and(CameraError::is_gone);
-        running.finish(is_gone, session.usb.now_nanos());
+        running.finish(is_gone, &*session.usb);
         if is_gone {
             stop.stop(EndReason::Unplugged);
         } else if result.is_err() {
@@ -380,7 +380,7 @@ impl Running {
     }
 
     /// What is missing at the end, and what was counted.
-    fn finish(&mut self, is_gone: bool, now_nanos: i64) {
+    fn finish(&mut self, is_gone: bool, usb: &dyn UsbTransport) {
         let cause = is_gone.then_some(GapCause::Unplug);
         self.depth.finish(cause, &mut self.ends.drops);
         self.color.finish(cause, &mut self.ends.drops);
@@ -388,8 +388,9 @@ impl Running {
             "event": "camera-counts",
             "depth": counts(self.depth.counts()),
             "color": counts(self.color.counts()),
+            "longest_absence_ms": usb.longest_absence_nanos() as f64 / 1e6,
         });
-        self.say(0, details, now_nanos);
+        self.say(0, details, usb.now_nanos());
         self.ends.drops.flush_all();
     }
 }

@@ -31,22 +31,36 @@ pub enum UsbError {
 /// How an endpoint is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct QueueShape {
-    /// Transfers that are in flight at a time.
-    pub transfer_count: usize,
-    /// Bytes of a transfer where the endpoint is bulk.
+    /// Transfers that are in flight at a time where the endpoint is bulk.
+    pub bulk_transfers: usize,
+    /// Bytes of each.
     pub bulk_bytes: usize,
-    /// Packets of a transfer where it is isochronous.
+    /// Transfers that are in flight at a time where it is isochronous.
+    pub iso_transfers: usize,
+    /// Packets of each.
     pub iso_packet_count: usize,
 }
 
 impl Default for QueueShape {
-    /// 32 transfers of 20 KiB, 40 packets of USB 2 each: 50 ms of depth at VGA. A second of one recorder's queues is
-    /// far below the 16 MB that Linux grants to all cameras together.
+    /// What the camera's own memory holds is full after 4 ms, so the queues are what a late machine lives on. Bulk: 96
+    /// transfers of 20 KiB, 40 packets of USB 2 each: 105 ms of colour and 150 ms of depth at VGA; a camera's two queues
+    /// are 4 MB of the 16 MB that Linux grants to all. Isochronous: 32 transfers of 4 ms.
     fn default() -> Self {
         Self {
-            transfer_count: 32,
+            bulk_transfers: 96,
             bulk_bytes: 20_480,
+            iso_transfers: 32,
             iso_packet_count: 32,
+        }
+    }
+}
+
+impl QueueShape {
+    /// Transfers that are in flight at a time.
+    pub fn transfer_count(&self, kind: TransferKind) -> usize {
+        match kind {
+            TransferKind::Bulk => self.bulk_transfers,
+            TransferKind::Isochronous => self.iso_transfers,
         }
     }
 }
@@ -108,6 +122,12 @@ pub trait UsbTransport: Send {
 
     /// Takes the transfers of `endpoint` back; what they hold is thrown away.
     fn stop(&mut self, endpoint: u8);
+
+    /// The longest time in which nobody looked whether something came: it was worked on what had come, or the machine did
+    /// not let us. Nanoseconds; 0 where time waits.
+    fn longest_absence_nanos(&self) -> i64 {
+        0
+    }
 
     /// Waits until something came or `until_nanos` is over, hands all of it out, and queues the transfers again.
     /// What came before the camera was gone is handed out before the error.

@@ -142,7 +142,8 @@ impl UsbTransport for BusTransport {
     fn start(&mut self, endpoint: u8, shape: QueueShape) -> Result<(), UsbError> {
         let mut bus = self.bus.lock().unwrap();
         let mut tokens = Vec::new();
-        for _ in 0..shape.transfer_count {
+        let kind = bus.camera().transfer_kind();
+        for _ in 0..shape.transfer_count(kind.unwrap_or(TransferKind::Bulk)) {
             Self::submit(&mut bus, self.now_nanos, endpoint, self.next_token, shape);
             tokens.push(self.next_token);
             self.next_token += 1;

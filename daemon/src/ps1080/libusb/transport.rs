@@ -41,6 +41,9 @@ pub struct LibusbTransport {
     setting: u8,
     is_gone: bool,
     clock: HostClock,
+    /// Since when nobody looks; `None` before the first look.
+    looked_nanos: Option<i64>,
+    longest_absence_nanos: i64,
     handle: DeviceHandle<Context>,
 }
 
@@ -61,6 +64,8 @@ impl LibusbTransport {
             setting: 0,
             is_gone: false,
             clock: HostClock::default(),
+            looked_nanos: None,
+            longest_absence_nanos: 0,
             handle,
         })
     }
@@ -69,6 +74,14 @@ impl LibusbTransport {
         self.endpoints
             .iter()
             .find(|endpoint| (endpoint.setting, endpoint.address) == (setting, address))
+    }
+
+    /// From `since_nanos` until `now_nanos` nobody looked.
+    fn note_absence(&mut self, since_nanos: Option<i64>, now_nanos: i64) {
+        if let Some(since_nanos) = since_nanos {
+            let absence_nanos = now_nanos.saturating_sub(since_nanos);
+            self.longest_absence_nanos = self.longest_absence_nanos.max(absence_nanos);
+        }
     }
 
     /// Lets libusb work.
@@ -213,8 +226,9 @@ impl UsbTransport for LibusbTransport {
         let endpoint = *self
             .endpoint(self.setting, address)
             .ok_or(UsbError::NotFound)?;
-        let mut flight = VecDeque::with_capacity(shape.transfer_count);
-        for _ in 0..shape.transfer_count {
+        let transfer_count = shape.transfer_count(endpoint.kind);
+        let mut flight = VecDeque::with_capacity(transfer_count);
+        for _ in 0..transfer_count {
             let transfer = Idle::new(
                 self.handle.as_raw(),
                 address,
@@ -229,7 +243,7 @@ impl UsbTransport for LibusbTransport {
                     tracing::warn!(
                         "only {} of {} reads of endpoint {address:#04x} could be queued (libusb error {code}); `glintd doctor` looks at usbfs memory",
                         flight.len(),
-                        shape.transfer_count
+                        transfer_count
                     );
                     break;
                 }
@@ -256,6 +270,10 @@ impl UsbTransport for LibusbTransport {
         }
     }
 
+    fn longest_absence_nanos(&self) -> i64 {
+        self.longest_absence_nanos
+    }
+
     fn reap(
         &mut self,
         until_nanos: i64,
@@ -266,11 +284,17 @@ impl UsbTransport for LibusbTransport {
             if self.is_gone {
                 return Err(UsbError::Gone);
             }
-            let rest_nanos = until_nanos - self.now_nanos();
+            let now_nanos = self.now_nanos();
+            let rest_nanos = until_nanos - now_nanos;
             if is_any || rest_nanos <= 0 {
                 return Ok(());
             }
+            self.note_absence(self.looked_nanos, now_nanos);
             self.handle_events(Duration::from_nanos(rest_nanos.unsigned_abs()))?;
+            let back_nanos = self.now_nanos();
+            // Woken too late.
+            self.note_absence(Some(until_nanos), back_nanos);
+            self.looked_nanos = Some(back_nanos);
         }
     }
 }
