@@ -405,7 +405,8 @@ impl ChunkWriter {
         self.chunk_start = end;
         self.chunk_number += 1;
         self.empty_chunk();
-        self.sealer.begin(&mut *self.layer, chunk, is_beside)
+        self.sealer.begin(&mut *self.layer, chunk, is_beside);
+        Ok(())
     }
 
     fn empty_chunk(&mut self) {

@@ -8,7 +8,6 @@ use std::thread::JoinHandle;
 use zerocopy::IntoBytes as _;
 
 use crate::checksum::FileId;
-use crate::error::SequenceError;
 use crate::file_layer::{FileLayer, Syncer, uninterrupted, write_all};
 use crate::layout::{ChunkHeader, IndexBytes, PAGE, RECORDS_OFFSET};
 
@@ -62,17 +61,13 @@ impl Sealer {
     }
 
     /// Sends a chunk on its way, when the one before has arrived. `is_beside`: its syncs are left to another thread where
-    /// the layer has one to give, else [`Sealer::advance`] waits for them.
-    ///
-    /// # Errors
-    /// When no thread can be begun; the chunk is not on its way then.
-    pub(crate) fn begin(
-        &mut self,
-        layer: &mut dyn FileLayer,
-        chunk: ClosedChunk,
-        is_beside: bool,
-    ) -> Result<(), SequenceError> {
-        self.is_beside = is_beside && self.has_thread(layer)?;
+    /// the layer and the system have one to give.
+    pub(crate) fn begin(&mut self, layer: &mut dyn FileLayer, chunk: ClosedChunk, is_beside: bool) {
+        if is_beside && self.thread.is_none() {
+            let syncer = layer.syncer().ok().flatten();
+            self.thread = syncer.and_then(|syncer| SyncThread::begin(syncer).ok());
+        }
+        self.is_beside = is_beside && self.thread.is_some();
         let stored = write_all(layer, chunk.start, chunk.header.as_bytes());
         let (start, bytes) = (chunk.start, chunk.end - chunk.start);
         self.under_way = Some((chunk, Stage::Records));
@@ -80,17 +75,6 @@ impl Sealer {
             Ok(()) => self.ask(layer, start, bytes),
             Err(error) => self.answer = Some(Err(error)),
         }
-        Ok(())
-    }
-
-    fn has_thread(&mut self, layer: &mut dyn FileLayer) -> Result<bool, SequenceError> {
-        if self.thread.is_none() {
-            self.thread = match layer.syncer()? {
-                Some(syncer) => Some(SyncThread::begin(syncer)?),
-                None => None,
-            };
-        }
-        Ok(self.thread.is_some())
     }
 
     fn ask(&mut self, layer: &mut dyn FileLayer, offset: u64, bytes: u64) {
