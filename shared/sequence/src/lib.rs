@@ -45,6 +45,7 @@ pub mod file_layer;
 pub mod follow;
 pub mod layout;
 mod map;
+pub mod nominal;
 pub mod pairing;
 pub mod record;
 pub mod recording;
