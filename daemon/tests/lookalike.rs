@@ -46,6 +46,22 @@ impl Bench {
             .unwrap()
     }
 
+    /// Records `source` without fusing into `file`, with `extra` arguments.
+    fn record(&self, source: &str, file: &Path, extra: &[&str]) -> Output {
+        let file = file.to_str().unwrap();
+        let arguments = [
+            "record",
+            source,
+            "-o",
+            file,
+            "--no-fuse",
+            "--reserve-mb",
+            "0",
+            "--json",
+        ];
+        self.glintd(&[&arguments, extra].concat())
+    }
+
     fn log(&self) -> Value {
         let text = std::fs::read_to_string(self.path("log.json")).unwrap();
         serde_json::from_str(&text).unwrap()
@@ -92,16 +108,7 @@ fn an_unplugged_camera_leaves_a_whole_file_and_code_0_or_3() {
         return;
     };
     let file = bench.path("x.glint");
-    let output = bench.glintd(&[
-        "record",
-        "ps1080?size=qvga",
-        "-o",
-        file.to_str().unwrap(),
-        "--no-fuse",
-        "--reserve-mb",
-        "0",
-        "--json",
-    ]);
+    let output = bench.record("ps1080?size=qvga", &file, &[]);
     let summary = summary(&output);
     assert_eq!(summary["reason"], "unplugged", "{summary}");
     let lost = summary["gaps"].as_u64().unwrap() - summary["unplugged"].as_u64().unwrap();
@@ -127,18 +134,11 @@ fn a_recording_that_is_told_to_end_switches_the_camera_off() {
         return;
     };
     let file = bench.path("x.glint");
-    let output = bench.glintd(&[
-        "record",
+    let output = bench.record(
         "ps1080?size=qvga&exposure=auto",
-        "-o",
-        file.to_str().unwrap(),
-        "--no-fuse",
-        "--reserve-mb",
-        "0",
-        "--duration",
-        "1.5",
-        "--json",
-    ]);
+        &file,
+        &["--duration", "1.5"],
+    );
     let summary = summary(&output);
     assert_eq!(summary["reason"], "duration", "{summary}");
     let log = bench.log();
@@ -177,18 +177,7 @@ fn a_minute_of_both_streams_comes_whole() {
         return;
     };
     let file = bench.path("x.glint");
-    let output = bench.glintd(&[
-        "record",
-        "ps1080",
-        "-o",
-        file.to_str().unwrap(),
-        "--no-fuse",
-        "--reserve-mb",
-        "0",
-        "--duration",
-        "60",
-        "--json",
-    ]);
+    let output = bench.record("ps1080", &file, &["--duration", "60"]);
     let summary = summary(&output);
     println!("{summary:#}\n{:#}", bench.log());
     println!("{}", String::from_utf8_lossy(&output.stderr));

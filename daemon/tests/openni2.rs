@@ -23,15 +23,10 @@ fn record(source: &str, output: &Path, extra: &[&str], folder: Option<&Path>) ->
             .env("LD_LIBRARY_PATH", folder)
             .env("GLINT_VIRTUAL_CAMERAS", folder.join("cameras.toml"));
     }
-    let mut run = command.output().unwrap();
+    let run = command.output().unwrap();
     println!("{}", String::from_utf8_lossy(&run.stderr));
-    if run.status.code().is_none() {
-        // Seen once in several hundred runs, with recordings only; docs/cameras.md says so.
-        println!("ended by {}: once more", run.status);
-        let _ = std::fs::remove_file(output);
-        run = command.output().unwrap();
-    }
-    run.status.code().unwrap()
+    let code = run.status.code();
+    code.unwrap_or_else(|| panic!("ended by {}", run.status))
 }
 
 fn shared_oni() -> Option<PathBuf> {

@@ -208,6 +208,27 @@ fn a_range_is_cut_with_its_numbers() {
     );
 }
 
+#[test]
+fn info_shows_what_the_recorder_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = source::write(folder.path(), 20, &[]);
+    let replay = format!("replay:{}?speed=max", input.display());
+    let copy = folder.path().join("copy.glint");
+    let copy = copy.to_str().unwrap();
+    let arguments = ["record", &replay, "-o", copy, "--no-fuse"];
+    assert_eq!(glintd(&arguments).status.code(), Some(0));
+    let shown = summary(&glintd(&["info", copy, "--json"]));
+    let counts = shown["histograms"][0]["counts"].as_array().unwrap();
+    let count: u64 = counts.iter().filter_map(serde_json::Value::as_u64).sum();
+    assert!(count > 0, "{shown}");
+    assert!(shown["events"].is_array(), "{shown}");
+    let words = text(&glintd(&["info", copy]).stdout);
+    assert!(
+        words.contains(&format!(", {count} values, p50 from ")),
+        "{words}"
+    );
+}
+
 /// A file system in memory, as long as it lives.
 struct SmallDisk(tempfile::TempDir);
 

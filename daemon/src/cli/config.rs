@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail, ensure};
+use fusion::VolumeConfig;
 use serde::Deserialize;
 
 use super::record::{DepthChoice, RecordArgs};
@@ -72,6 +73,14 @@ impl RecordConfig {
         within("fuse_threads", self.fuse_threads, 64)?;
         within("fuse_stride", self.fuse_stride, u64::MAX)?;
         within("fuse_memory_mb", self.fuse_memory_mb, 1 << 20)?;
+        let mut volume = VolumeConfig::default();
+        if let Some(voxel_mm) = self.voxel_mm {
+            volume.voxel_size = voxel_mm / 1000.0;
+        }
+        if let Some(truncation_voxels) = self.truncation_voxels {
+            volume.truncation_voxels = truncation_voxels;
+        }
+        volume.check()?;
         if let Some(seconds) = self.split_seconds
             && let Err(words) = super::record::parse_seconds(&seconds.to_string())
         {
@@ -127,44 +136,4 @@ fn with_options(source: &str, options: &str) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn options_on_the_command_line_win() {
-        let options = "size=qvga&exposure=30&gain=100";
-        assert_eq!(
-            with_options("ps1080:/sys/x", options),
-            format!("ps1080:/sys/x?{options}&")
-        );
-        assert_eq!(
-            with_options("ps1080?exposure=lock", options),
-            "ps1080?size=qvga&exposure=lock"
-        );
-        assert_eq!(
-            with_options("ps1080?size=vga", "size=qvga"),
-            "ps1080?size=vga"
-        );
-        assert_eq!(with_options("replay:x?loop", options), "replay:x?loop");
-    }
-
-    #[test]
-    fn the_file_that_is_installed_is_all_of_the_keys() {
-        let text = include_str!("../../../udev/glintd.toml");
-        let shown: RecordConfig = toml::from_str(text).unwrap();
-        assert_eq!(shown.output.as_deref(), Some(Path::new("/var/lib/glint")));
-        // With what is shown switched on it still parses.
-        let on: String = text
-            .lines()
-            .map(|line| match line.strip_prefix("# ") {
-                Some(setting) if setting.contains(" = ") && !setting.contains(", ") => setting,
-                _ => line,
-            })
-            .flat_map(|line| [line, "\n"])
-            .collect();
-        let on: RecordConfig = toml::from_str(&on).unwrap();
-        on.require_ranges().unwrap();
-        assert_eq!((on.keep_mb, on.fuse), (Some(200_000), Some(true)));
-        assert_eq!((on.voxel_mm, on.fuse_threads), (Some(5.0), Some(2)));
-    }
-}
+mod tests;

@@ -14,6 +14,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 use sequence::copy::{Copied, cut, recover};
+use sequence::summary::Summary;
 use sequence::verify::verify;
 use serde_json::json;
 
@@ -174,7 +175,7 @@ fn run_info(args: &InfoArgs, json: bool) -> anyhow::Result<ExitCode> {
     let mut failed = None;
     let last = follow(&args.recording, &stop, &mut |summary| {
         if json {
-            match with_event(summary, "status") {
+            match status_of(summary) {
                 Ok(event) => println!("{event}"),
                 Err(error) => failed = Some(error),
             }
@@ -203,6 +204,16 @@ fn run_info(args: &InfoArgs, json: bool) -> anyhow::Result<ExitCode> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// A summary for a file that grows: what only grows longer stands in the last one.
+fn status_of(summary: &Summary) -> anyhow::Result<serde_json::Value> {
+    let mut status = with_event(summary, "status")?;
+    if let Some(keys) = status.as_object_mut() {
+        keys.remove("events");
+        keys.remove("histograms");
+    }
+    Ok(status)
 }
 
 fn with_event(value: &impl serde::Serialize, event: &str) -> anyhow::Result<serde_json::Value> {

@@ -1,16 +1,14 @@
 //! What a recording says of an OpenNI2 device: nominal numbers, to be replaced by a calibration.
 
-use geometry::{DVec3, Intrinsics, Pose};
+use geometry::{Intrinsics, Pose};
 use openni2_sys as sys;
 use sequence::{
     ColorCamera, ColorEncoding, DepthCamera, DepthSamples, Device as DeviceWords, ResponseCurve,
-    ShiftConstants, StreamTiming, Streams, TickClock, VignettingCurve,
+    ShiftConstants, StreamTiming, Streams, TickClock, VignettingCurve, nominal,
 };
 
 use super::library::{Device, Sensor, VideoMode};
 
-/// Horizontal angle of view of a PrimeSense camera as OpenNI2 reports it, radians (ps1080-protocol section 8.1).
-const USUAL_FIELD_OF_VIEW: f32 = 1.0226;
 /// Farthest depth where the device names none, units.
 const USUAL_MOST_DEPTH: i32 = 10_000;
 /// Times count microseconds.
@@ -44,13 +42,7 @@ pub(super) fn shift_constants(device: &Device) -> Option<ShiftConstants> {
         offset_pixels: ShiftConstants::USUAL_OFFSET,
         table_mm: Vec::new(),
     };
-    let is_positive = |value: f64| value > 0.0 && value < 1e6;
-    (is_positive(constants.zero_plane_mm)
-        && is_positive(constants.zero_plane_pixel_mm)
-        && is_positive(constants.emitter_distance_cm)
-        && is_positive(constants.param_coefficient)
-        && is_positive(constants.pixel_size_factor))
-    .then_some(constants)
+    constants.is_believable().then_some(constants)
 }
 
 /// The streams of a device in the modes `depth` and `color`. A stream that is not there gets the camera of the other.
@@ -114,10 +106,9 @@ pub(super) fn streams_of(
     Ok(Streams {
         depth: depth_camera,
         color: color_camera,
-        // The colour camera stands to the right of the depth camera as they look.
         color_from_depth: match distance_cm {
             Some(distance_cm) if !is_registered && color.is_some() => {
-                Pose::from_translation(DVec3::new(-distance_cm / 100.0, 0.0, 0.0))
+                nominal::color_from_depth(distance_cm / 100.0)
             }
             _ => Pose::IDENTITY,
         },
@@ -144,15 +135,7 @@ fn is_shift(mode: VideoMode) -> bool {
 fn intrinsics(device: &Device, sensor: Sensor, mode: VideoMode) -> anyhow::Result<Intrinsics> {
     let angle: Option<f32> = device.get_of(sensor, sys::ONI_STREAM_PROPERTY_HORIZONTAL_FOV);
     let angle = angle.filter(|angle| (0.1..3.0).contains(angle));
-    let angle = f64::from(angle.unwrap_or(USUAL_FIELD_OF_VIEW));
-    let focal = 0.5 * f64::from(mode.width) / (0.5 * angle).tan();
-    let middle = |count: u32| (f64::from(count) - 1.0) / 2.0;
-    Ok(Intrinsics::pinhole(
-        mode.width,
-        mode.height,
-        focal,
-        focal,
-        middle(mode.width),
-        middle(mode.height),
-    )?)
+    let angle = angle.map_or(nominal::PRIMESENSE_FIELD_OF_VIEW, f64::from);
+    let size = [mode.width, mode.height];
+    Ok(nominal::pinhole(size, angle, size, [0, 0])?)
 }

@@ -46,6 +46,7 @@ pub mod follow;
 pub mod layout;
 mod losses;
 mod map;
+pub mod nominal;
 pub mod pairing;
 pub mod record;
 pub mod recording;

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::contents::Contents;
 use crate::description::{Description, hex};
-use crate::record::GapCause;
+use crate::record::{GapCause, Histogram};
 
 /// A recording in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -32,14 +32,39 @@ pub struct Summary {
     pub pose_sets: BTreeMap<String, usize>,
     /// Missing frames by cause, all streams.
     pub missing_by_cause: BTreeMap<String, u64>,
-    /// Settings, warnings and other events.
+    /// How many settings, warnings and other events.
     pub event_count: usize,
+    /// These, in the order of the file.
+    pub events: Vec<EventSummary>,
+    /// Counts of durations and differences, in the order of the file.
+    pub histograms: Vec<HistogramSummary>,
     /// Words of the user.
     pub notes: Vec<String>,
     /// Whether colour is kept without loss.
     pub color_is_lossless: bool,
     /// Places that are not as they were written.
     pub damage_count: usize,
+}
+
+/// An event with its time.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct EventSummary {
+    /// Id of the stream, 0 for none.
+    pub stream: u16,
+    /// Monotonic time of the host, nanoseconds as a string.
+    pub host_nanos: String,
+    /// What happened: JSON with the key `event`.
+    pub details: serde_json::Value,
+}
+
+/// A histogram with its stream.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct HistogramSummary {
+    /// Id of the stream, 0 for none.
+    pub stream: u16,
+    /// Name, unit, edges, counts.
+    #[serde(flatten)]
+    pub histogram: Histogram,
 }
 
 /// A stream in numbers.
@@ -113,6 +138,23 @@ impl Summary {
             pose_sets,
             missing_by_cause,
             event_count: contents.events.len(),
+            events: contents
+                .events
+                .iter()
+                .map(|event| EventSummary {
+                    stream: event.stream,
+                    host_nanos: event.host_nanos.to_string(),
+                    details: event.details.clone(),
+                })
+                .collect(),
+            histograms: contents
+                .histograms
+                .iter()
+                .map(|(stream, histogram)| HistogramSummary {
+                    stream: *stream,
+                    histogram: histogram.clone(),
+                })
+                .collect(),
             notes: contents
                 .notes
                 .iter()
@@ -121,6 +163,32 @@ impl Summary {
             color_is_lossless: description.streams.color.encoding.lossless().is_some(),
             damage_count: contents.damages.len(),
         }
+    }
+}
+
+impl Summary {
+    /// How many events there are of each word; `unknown` has those without.
+    fn events_by_word(&self) -> BTreeMap<&str, usize> {
+        let mut counts = BTreeMap::new();
+        for event in &self.events {
+            let word = event.details["event"].as_str().unwrap_or("unknown");
+            *counts.entry(word).or_default() += 1;
+        }
+        counts
+    }
+}
+
+impl fmt::Display for HistogramSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let histogram = &self.histogram;
+        write!(f, "{}, {} values", histogram.name, histogram.count())?;
+        for (name, fraction) in [("p50", 0.5), ("p99", 0.99)] {
+            let bin = histogram.quantile_bin(fraction);
+            if let Some([lower, upper]) = bin.and_then(|bin| histogram.edges.get(bin..bin + 2)) {
+                write!(f, ", {name} from {lower} to {upper} {}", histogram.unit)?;
+            }
+        }
+        Ok(())
     }
 }
 
@@ -216,6 +284,12 @@ impl fmt::Display for Summary {
         }
         for (name, count) in &self.pose_sets {
             writeln!(f, "poses: {name}, {count}")?;
+        }
+        for entry in &self.histograms {
+            writeln!(f, "histogram: {entry}")?;
+        }
+        for (word, count) in self.events_by_word() {
+            writeln!(f, "events: {count} {word}")?;
         }
         for note in &self.notes {
             writeln!(f, "note: {note}")?;

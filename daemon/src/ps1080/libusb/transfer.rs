@@ -215,6 +215,9 @@ impl InFlight {
 }
 
 /// The packets of an isochronous transfer, which follow its fields.
+///
+/// # Safety
+/// `transfer` comes from `libusb_alloc_transfer` and was not freed.
 #[expect(unsafe_code, reason = "a C structure with an array of open length")]
 unsafe fn packets_of(
     transfer: *mut ffi::libusb_transfer,

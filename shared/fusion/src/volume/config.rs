@@ -84,7 +84,11 @@ impl VolumeConfig {
         2.0 * self.truncation() > thickness
     }
 
-    pub(super) fn check(&self) -> Result<(), FusionError> {
+    /// Whether a volume can have these settings.
+    ///
+    /// # Errors
+    /// The first that cannot be.
+    pub fn check(&self) -> Result<(), FusionError> {
         let Self {
             voxel_size,
             truncation_voxels,

@@ -172,6 +172,24 @@ pub struct Histogram {
     pub counts: Vec<u64>,
 }
 
+impl Histogram {
+    /// How many values were counted.
+    pub fn count(&self) -> u64 {
+        self.counts.iter().copied().fold(0, u64::saturating_add)
+    }
+
+    /// The bin, by its index, that a share of `fraction` (0 to 1) of all values reaches; `None` of no values.
+    pub fn quantile_bin(&self, fraction: f64) -> Option<usize> {
+        let all = self.count();
+        let wanted = ((fraction.clamp(0.0, 1.0) * all as f64).ceil() as u64).clamp(1, all.max(1));
+        let mut reached: u64 = 0;
+        self.counts.iter().position(|count| {
+            reached = reached.saturating_add(*count);
+            reached >= wanted
+        })
+    }
+}
+
 /// A change or a warning (section 6.5).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Event {

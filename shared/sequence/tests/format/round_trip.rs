@@ -1,7 +1,8 @@
 //! What is written comes back, through both ways of writing.
 
 use sequence::file_layer::{self, WritePath};
-use sequence::{COLOR_STREAM, DEPTH_STREAM, PoseState, Recording};
+use sequence::summary::Summary;
+use sequence::{COLOR_STREAM, DEPTH_STREAM, Histogram, PoseState, Recording};
 
 use super::small::{self, Waiting};
 
@@ -79,4 +80,45 @@ fn everything_comes_back_whatever_the_chunks_and_the_way_of_writing() {
         );
         assert_whole(&Recording::open(&mapped).unwrap());
     }
+}
+
+#[test]
+fn a_summary_shows_histograms_and_events() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = Recording::open(&write_to(&folder, WritePath::Pwrite, 3)).unwrap();
+    let summary = Summary::of(recording.contents(), recording.description());
+    let json = serde_json::to_value(&summary).unwrap();
+    let skew = serde_json::json!(
+        {"stream": 0, "name": "pair-skew", "unit": "ms", "edges": [0.0, 1.0, 2.0], "counts": [9, 1]}
+    );
+    assert_eq!(json["histograms"], serde_json::json!([skew]));
+    assert_eq!(json["event_count"], 1);
+    let event = &recording.contents().events[0];
+    let expected = serde_json::json!(
+        {"stream": event.stream, "host_nanos": event.host_nanos.to_string(), "details": event.details}
+    );
+    assert_eq!(json["events"], serde_json::json!([expected]));
+    let words = summary.to_string();
+    let expected = "histogram: pair-skew, 10 values, p50 from 0 to 1 ms, p99 from 1 to 2 ms\n";
+    assert!(words.contains(expected), "{words}");
+    let word = event.details["event"].as_str().unwrap();
+    assert!(words.contains(&format!("events: 1 {word}\n")), "{words}");
+}
+
+#[test]
+fn quantiles_of_a_histogram_are_bins_whatever_the_file_says() {
+    let of = |counts: &[u64]| Histogram {
+        name: "x".to_owned(),
+        unit: "ms".to_owned(),
+        edges: vec![0.0, 1.0],
+        counts: counts.to_vec(),
+    };
+    assert_eq!(of(&[]).quantile_bin(0.5), None);
+    assert_eq!(of(&[0, 0]).quantile_bin(0.5), None);
+    assert_eq!(of(&[0, 1, 0]).quantile_bin(0.0), Some(1));
+    assert_eq!(of(&[50, 49, 1]).quantile_bin(0.5), Some(0));
+    assert_eq!(of(&[50, 49, 1]).quantile_bin(0.99), Some(1));
+    assert_eq!(of(&[50, 49, 1]).quantile_bin(1.0), Some(2));
+    assert_eq!(of(&[u64::MAX, u64::MAX]).quantile_bin(0.99), Some(0));
+    assert_eq!(of(&[u64::MAX, 7]).count(), u64::MAX);
 }

@@ -55,11 +55,15 @@ unsafe extern "C" fn libusb_free_transfer(transfer: *mut Transfer) {
     if transfer.is_null() {
         return;
     }
-    // SAFETY: the size stands where `libusb_alloc_transfer` has written it; it is that of a layout.
+    // SAFETY: the structure is the caller's, who asks by the flag for a buffer of `malloc` (or null) to be freed.
     unsafe {
         if (*transfer).flags & FLAG_FREE_BUFFER != 0 {
             free((*transfer).buffer.cast());
         }
+    }
+    // SAFETY: the size stands where `libusb_alloc_transfer` has written it; it is that of a layout, and nobody uses the
+    // memory after this.
+    unsafe {
         let memory = transfer.cast::<u8>().sub(HEAD_BYTES);
         let size = memory.cast::<usize>().read();
         if let Ok(layout) = Layout::from_size_align(size, HEAD_BYTES) {
@@ -210,9 +214,9 @@ unsafe extern "C" fn libusb_cancel_transfer(transfer: *mut Transfer) -> c_int {
 /// Fills in the structure of a transfer that has ended and calls its callback.
 pub(super) fn finish(ended: Ended) {
     let transfer = ptr::with_exposed_provenance_mut::<Transfer>(ended.address);
-    // SAFETY: a submitted structure and its buffer stay until the callback, which is called here and only here; the bus
-    // never fills more than was asked for.
-    unsafe {
+    // SAFETY: a submitted structure and its buffer stay until the callback, which has not been called yet; the bus never
+    // fills more than was asked for.
+    let (flags, callback) = unsafe {
         (*transfer).status = status_code(ended.transfer.status, ended.has_timed_out);
         let data = ended.transfer.data.as_slice();
         let kind = (*transfer).kind;
@@ -228,14 +232,15 @@ pub(super) fn finish(ended: Ended) {
             place.copy_from_nonoverlapping(data.as_ptr(), data.len());
             (*transfer).actual_length = data.len() as c_int;
         }
-        let (flags, callback) = ((*transfer).flags, (*transfer).callback);
-        with_world(|world| world.recycle(ended.camera, ended.transfer));
-        if let Some(callback) = callback {
-            callback(transfer);
-        }
-        if flags & FLAG_FREE_TRANSFER != 0 {
-            libusb_free_transfer(transfer);
-        }
+        ((*transfer).flags, (*transfer).callback)
+    };
+    with_world(|world| world.recycle(ended.camera, ended.transfer));
+    if let Some(callback) = callback {
+        callback(transfer);
+    }
+    if flags & FLAG_FREE_TRANSFER != 0 {
+        // SAFETY: by the flag the submitter leaves the structure to the library; it is no longer under way.
+        unsafe { libusb_free_transfer(transfer) };
     }
 }
 

@@ -2,18 +2,15 @@
 
 use std::path::Path;
 
-use geometry::{DVec3, Distortion, Intrinsics, Pose};
+use geometry::{Intrinsics, Pose};
 use sequence::{
     ColorCamera, ColorEncoding, DepthCamera, DepthSamples, ResponseCurve, ShiftConstants,
-    StreamTiming, Streams, TickClock, VignettingCurve,
+    StreamTiming, Streams, TickClock, VignettingCurve, nominal,
 };
 
 use super::container::{OniCodec, OniNode};
 use super::properties::{OniPixels, OniShape, Properties};
 use crate::import::error::ImportError;
-
-/// Horizontal angle of view of a PrimeSense camera as OpenNI2 reports it, radians (ps1080-protocol section 8.1).
-const USUAL_FIELD_OF_VIEW: f64 = 1.0226;
 
 /// Farthest depth where the file names none, mm.
 const USUAL_MAX_DEPTH_MM: i64 = 10_000;
@@ -55,14 +52,8 @@ pub(super) fn cameras(
         Pose::IDENTITY
     } else {
         notes.push("depth is taken for not registered, the cameras for parallel".to_owned());
-        // The colour camera stands to the right of the depth camera as they look (ps1080-protocol section 8.3: near
-        // pixels move left); centimetres.
-        let distance_m = 0.01
-            * constants
-                .number("DCRCDIS")
-                .unwrap_or(0.0)
-                .clamp(-50.0, 50.0);
-        Pose::from_translation(DVec3::new(-distance_m, 0.0, 0.0))
+        let distance_cm = constants.number("DCRCDIS").unwrap_or(0.0);
+        nominal::color_from_depth(0.01 * distance_cm.clamp(-50.0, 50.0))
     };
     let timing = |stream: Option<Stream>| StreamTiming {
         rate_hz: stream.and_then(|stream| stream.node.properties.rate_hz()),
@@ -97,27 +88,13 @@ fn is_registered(properties: &Properties) -> bool {
 
 fn intrinsics(path: &Path, stream: Stream, name: &'static str) -> Result<Intrinsics, ImportError> {
     let Stream { node, shape } = stream;
-    let angle = match node.properties.field_of_view() {
-        Some([horizontal, _]) => horizontal,
-        None => USUAL_FIELD_OF_VIEW,
-    };
-    let [full_width, full_height] = node
-        .properties
-        .full_size()
-        .unwrap_or([shape.width, shape.height]);
-    // Pixels are square; the angle is that of the whole sensor, from border to border.
-    let focal = 0.5 * f64::from(full_width) / (0.5 * angle).tan();
-    let center = |side: u32, offset: u32| 0.5 * (f64::from(side) - 1.0) - f64::from(offset);
-    Intrinsics::new(
-        shape.width,
-        shape.height,
-        focal,
-        focal,
-        center(full_width, shape.offset[0]),
-        center(full_height, shape.offset[1]),
-        Distortion::NONE,
-    )
-    .map_err(|source| ImportError::Camera {
+    let angle = node.properties.field_of_view();
+    let angle = angle.map_or(nominal::PRIMESENSE_FIELD_OF_VIEW, |[horizontal, _]| {
+        horizontal
+    });
+    let size = [shape.width, shape.height];
+    let full_size = node.properties.full_size().unwrap_or(size);
+    nominal::pinhole(full_size, angle, size, shape.offset).map_err(|source| ImportError::Camera {
         path: path.to_path_buf(),
         stream: name,
         source,
@@ -137,7 +114,9 @@ fn depth_camera(path: &Path, stream: Stream) -> Result<DepthCamera, ImportError>
     let farthest = 1e-3 * max_mm as f32;
     let mut camera = DepthCamera::new(intrinsics(path, stream, "depth")?, scale, 0.0..=farthest)
         .map_err(|source| description(path, source))?;
-    camera.shift = properties.shift_constants().filter(is_believable);
+    camera.shift = properties
+        .shift_constants()
+        .filter(ShiftConstants::is_believable);
     if stream.shape.pixels == OniPixels::Shifts {
         if camera.shift.is_none() {
             return Err(ImportError::Oni {
@@ -149,17 +128,6 @@ fn depth_camera(path: &Path, stream: Stream) -> Result<DepthCamera, ImportError>
         camera.samples = DepthSamples::Codes;
     }
     Ok(camera)
-}
-
-/// Constants of a sensor that can exist.
-fn is_believable(constants: &ShiftConstants) -> bool {
-    let is_positive = |value: f64| value > 0.0 && value < 1e6;
-    is_positive(constants.zero_plane_mm)
-        && is_positive(constants.zero_plane_pixel_mm)
-        && is_positive(constants.emitter_distance_cm)
-        && is_positive(constants.param_coefficient)
-        && is_positive(constants.pixel_size_factor)
-        && constants.constant_shift.abs() < 1e6
 }
 
 fn color_camera(path: &Path, stream: Stream, is_color: bool) -> Result<ColorCamera, ImportError> {
