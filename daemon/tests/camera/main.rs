@@ -1,6 +1,7 @@
 //! The driver against a camera in software, in the camera's own time.
 
 mod faults;
+mod infrared;
 mod transport;
 mod unplug;
 mod whole;
