@@ -79,6 +79,9 @@ fn infrared_is_what_the_depth_camera_sees() {
     assert_eq!(streams.color.intrinsics, streams.depth.intrinsics);
     assert_eq!(streams.color_from_depth, geometry::Pose::IDENTITY);
     assert!(streams.color.yuv.is_none());
+    // Beside infrared of this size depth is measured by the pattern of VGA, as OpenNI2 has it too.
+    let shift = streams.depth.shift.as_ref().unwrap();
+    assert_eq!(shift.pixel_size_factor, 2.0);
     assert_eq!(emitter_events(&filmed), [] as [Value; 0]);
     let bus = bus.lock().unwrap();
     let value = |parameter| bus.camera().parameter(parameter);
