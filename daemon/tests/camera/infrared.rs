@@ -156,8 +156,11 @@ fn an_emitter_that_was_left_off_is_lit_where_that_is_asked_for() {
     let mut packet = [0; MAX_HOST_PACKET_BYTES];
     let length = Request::EnableEmitter { on: 0 }.encode(1, &mut packet);
     let setup = Setup::vendor_out(length as u16);
-    bus.lock().unwrap().control(0, setup, &mut packet[..length]);
-    assert!(!bus.lock().unwrap().camera().is_lit());
+    let before_nanos = 999_000_000;
+    let mut locked = bus.lock().unwrap();
+    locked.control(before_nanos, setup, &mut packet[..length]);
+    assert!(!locked.camera().is_lit());
+    drop(locked);
     let filmed = film_with(open(&bus, lit).unwrap(), &bus);
     assert_eq!(emitter_events(&filmed), ["on"]);
     assert_whole(&filmed, 30);

@@ -2,6 +2,7 @@
 
 mod faults;
 mod infrared;
+mod jpeg;
 mod transport;
 mod unplug;
 mod whole;
