@@ -40,8 +40,8 @@ impl Control {
         }
     }
 
-    /// Once after each time that the camera has switched the emitter as it was told: whether it is on. There is no request
-    /// that reads it back; that the camera agreed is all that is known.
+    /// Once after each time that the camera has switched the emitter as it was told: whether it is on. There is no
+    /// request that reads it back; that the camera agreed is all that is known.
     pub(super) fn take_switched_emitter(&mut self) -> Option<bool> {
         self.switched_emitter.take()
     }

@@ -18,9 +18,9 @@
 //!
 //! Map, from the bytes up: [`layout`] structures · [`checksum`] what ties them to one file · [`record`] what
 //! records hold · [`description`] and [`cameras`] streams and calibration · [`shift_table`] depth of
-//! shifts · [`codecs`] lossless depth and
-//! colour · [`infrared`] in place of colour · [`file_layer`] calls to the disk · [`chunk_writer`] chunks in the right order · [`writer`] and
-//! [`encode`] a recording is written · [`copy`] repair and excerpts · [`source`] bytes by map or `pread` · [`scan`] from chunk to chunk around
+//! shifts · [`codecs`] lossless depth and colour · [`infrared`] in place of colour · [`file_layer`] calls to
+//! the disk · [`chunk_writer`] chunks in the right order · [`writer`] and [`encode`] a recording is written ·
+//! [`copy`] repair and excerpts · [`source`] bytes by map or `pread` · [`scan`] from chunk to chunk around
 //! damage · [`contents`] everything but images · [`recording`] frames by index and time · [`follow`] a file that
 //! grows · [`summary`] and [`verify`] what it holds and what it lacks · [`split`] training,
 //! unused, test · [`clock`] device and host time · [`pairing`] depth with colour · [`error`] what is refused;

@@ -57,7 +57,8 @@ impl Settings {
         }
     }
 
-    /// As after plugging in, but for the emitter: whether a reset lights it nobody has seen, and a host must not rely on it.
+    /// As after plugging in, but for the emitter: whether a reset lights it nobody has seen, and a host must not rely on
+    /// it.
     pub(crate) fn reset(&mut self) {
         *self = Self {
             is_lit: self.is_lit,
