@@ -7,7 +7,7 @@ use ps1080::color::ColorFormat;
 use ps1080::mode::Resolution;
 use ps1080::samples::SampleFormat;
 
-use crate::ps1080::modes::{ColorChoice, ExposurePlan, Wanted};
+use crate::ps1080::modes::{ColorChoice, EmitterPlan, ExposurePlan, Wanted};
 
 /// Where frames come from.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,7 +113,7 @@ pub struct SourceSpecError {
 const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 
 /// What can be asked of a camera, for the help.
-pub const CAMERA_OPTIONS: &str = "size=vga|qvga, fps=30|60, color=best|bayer|bayer-raw|yuv422|uyvy|yuyv|jpeg, depth=packed11|packed12|compressed|raw16, registration=off|on, close=off|on, exposure=lock|auto|N (with gain=N)";
+pub const CAMERA_OPTIONS: &str = "size=vga|qvga, fps=30|60, color=best|bayer|bayer-raw|yuv422|uyvy|yuyv|jpeg|infrared, emitter=on|off, depth=packed11|packed12|compressed|raw16, registration=off|on, close=off|on, exposure=lock|auto|N (with gain=N)";
 
 impl FromStr for SourceSpec {
     type Err = SourceSpecError;
@@ -201,9 +201,11 @@ fn openni2(uri: Option<&str>, options: &[&str]) -> Result<OpenNi2Spec, String> {
 fn camera(which: WhichCamera, options: &[&str]) -> Result<CameraSpec, String> {
     let mut wanted = Wanted::default();
     let (mut exposure, mut gain) = (None, None);
+    let mut is_exposure_asked = false;
     for option in options {
         let (key, value) = option.split_once('=').unwrap_or((option, ""));
         let unknown = || format!("`{option}` is not one of: {CAMERA_OPTIONS}");
+        is_exposure_asked |= matches!(key, "exposure" | "gain");
         let number = || value.parse::<u16>().map_err(|_| unknown());
         let switch = || match value {
             "on" => Ok(true),
@@ -222,6 +224,8 @@ fn camera(which: WhichCamera, options: &[&str]) -> Result<CameraSpec, String> {
             ("depth", "compressed") => wanted.depth_format = SampleFormat::Compressed,
             ("registration", _) => wanted.is_registered = switch()?,
             ("close", _) => wanted.is_close = switch()?,
+            ("emitter", "on") => wanted.emitter = EmitterPlan::On,
+            ("emitter", "off") => wanted.emitter = EmitterPlan::Off,
             ("exposure", "lock") => wanted.exposure = ExposurePlan::Lock,
             ("exposure", "auto") => wanted.exposure = ExposurePlan::Auto,
             ("exposure", _) => exposure = Some(number()?),
@@ -234,12 +238,19 @@ fn camera(which: WhichCamera, options: &[&str]) -> Result<CameraSpec, String> {
         (None, None) => {}
         _ => return Err("exposure=N and gain=N go together".to_owned()),
     }
-    Ok(CameraSpec { which, wanted })
+    if is_exposure_asked && wanted.color == ColorChoice::Infrared {
+        return Err("infrared has no exposure and no gain to set".to_owned());
+    }
+    match wanted.contradiction() {
+        Some(why) => Err(why.to_owned()),
+        None => Ok(CameraSpec { which, wanted }),
+    }
 }
 
 fn color(word: &str) -> Option<ColorChoice> {
     Some(ColorChoice::Format(match word {
         "best" => return Some(ColorChoice::Best),
+        "infrared" => return Some(ColorChoice::Infrared),
         "bayer" => ColorFormat::CompressedBayer,
         "bayer-raw" => ColorFormat::Bayer,
         "yuv422" => ColorFormat::CompressedYuv422,
@@ -278,6 +289,11 @@ mod tests {
             "ps1080?exposure=10",
             "ps1080?gain=x",
             "ps1080:7?color=rgb",
+            "ps1080?emitter=dim",
+            "ps1080?color=infrared&registration=on",
+            "ps1080?color=infrared&fps=60",
+            "ps1080?color=infrared&exposure=lock",
+            "ps1080?color=infrared&exposure=30&gain=100",
             "openni2:?registration=on",
             "openni2?speed=max",
         ] {
@@ -323,5 +339,10 @@ mod tests {
             gain: 100,
         };
         assert_eq!(spec.wanted.exposure, manual);
+        let wanted = camera("ps1080?color=infrared&emitter=off&size=qvga&fps=60").wanted;
+        assert_eq!(
+            (wanted.color, wanted.emitter),
+            (ColorChoice::Infrared, EmitterPlan::Off)
+        );
     }
 }

@@ -168,6 +168,48 @@ fn assert_color(recording: &Recording, width: u32) {
     }
 }
 
+#[test]
+fn infrared_is_recorded_without_dots_and_the_emitter_is_on_again_afterwards() {
+    let Some(bench) = Bench::new(&camera("", "")) else {
+        return;
+    };
+    let file = bench.path("x.glint");
+    let output = bench.glintd(&[
+        "record",
+        "ps1080?size=qvga&color=infrared&emitter=off",
+        "-o",
+        file.to_str().unwrap(),
+        "--reserve-mb",
+        "0",
+        "--duration",
+        "1.5",
+        "--json",
+    ]);
+    let summary = summary(&output);
+    assert_eq!(summary["reason"], "duration", "{summary}");
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(words.contains("the emitter is off"), "{words}");
+    assert_eq!(bench.log()["cameras"][0]["is_lit"], true);
+    let recording = Recording::open(&file).unwrap();
+    let pattern = TestPattern::with_cycle(SEED, CYCLE);
+    let frames = recording.contents().stream(sequence::COLOR_STREAM);
+    let mut dark_count = 0;
+    for place in frames {
+        let frame = recording.color_frame(place).unwrap();
+        let image = sequence::infrared_samples(&frame, 320, 240).unwrap();
+        let index = u64::from(image.pixels()[0]);
+        dark_count += usize::from((0..).zip(image.pixels()).all(|(place, got)| {
+            *got == pattern.unlit_infrared_sample(index, place % 320, place / 320)
+        }));
+    }
+    // The emitter may have been on for the first ones.
+    assert!(
+        frames.len() > 20 && dark_count + 2 >= frames.len(),
+        "{dark_count}"
+    );
+    assert!(verify(&file, true).unwrap().findings.is_empty());
+}
+
 /// `cargo test --release -p glintd --test lookalike -- --ignored --nocapture minute`, on a machine that is idle: the
 /// camera loses what nobody reads in time.
 #[test]
@@ -250,6 +292,26 @@ fn a_camera_that_cannot_be_used_is_one_sentence_and_code_2() {
             "does not offer",
         ),
         (String::new(), "ps1080", "no PrimeSense camera"),
+        (
+            camera("personality = \"firmware-5.4\"", ""),
+            "ps1080?color=infrared&emitter=off",
+            "5.8.15",
+        ),
+        (
+            camera("", ""),
+            "ps1080?color=infrared&registration=on",
+            "do not go together",
+        ),
+        (
+            camera("", ""),
+            "ps1080?color=infrared&fps=60",
+            "qvga at 30 or 60",
+        ),
+        (
+            camera("", ""),
+            "ps1080?color=infrared&exposure=auto",
+            "no exposure",
+        ),
     ];
     for (cameras, source, expected) in cases {
         let Some(bench) = Bench::new(&cameras) else {

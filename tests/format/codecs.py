@@ -238,6 +238,9 @@ def planes_of(pixel_format, width, height):
     if pixel_format == "rgb8":
         frame = np.zeros((height, 3 * width), dtype=np.uint8)
         return frame, [(frame[:, 1::3], False), (frame[:, 0::3], True), (frame[:, 2::3], True)]
+    if pixel_format == "infrared10":
+        frame = np.zeros((height, 2 * width), dtype=np.uint8)
+        return frame, [(frame[:, 0::2], False), (frame[:, 1::2], False)]
     raise ValueError(pixel_format)
 
 

@@ -164,6 +164,16 @@ pub fn train(
     train_paced(config, folder, None, progress)
 }
 
+/// Refuses a recording of infrared, and of colours that this version does not know.
+///
+/// # Errors
+/// One sentence.
+pub fn require_colors(recording: &Recording) -> anyhow::Result<()> {
+    let layout = recording.color_camera().layout();
+    layout.with_context(|| format!("{} cannot be trained on", recording.path().display()))?;
+    Ok(())
+}
+
 /// As [`train`], with settings that give way where a budget asks for it.
 ///
 /// # Errors
@@ -176,6 +186,7 @@ pub fn train_paced(
 ) -> anyhow::Result<TrainSummary> {
     let whole = Stopwatch::start();
     let recording = Recording::open(&config.recording)?;
+    require_colors(&recording)?;
     let previous = called::previous_file(folder);
     folder.write("config.toml", toml::to_string(config)?.as_bytes())?;
     let mut stages = Stages {

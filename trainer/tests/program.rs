@@ -37,6 +37,23 @@ fn number(value: &Value, key: &str) -> f64 {
 }
 
 #[test]
+fn infrared_is_not_trained_on() {
+    let desk = tempfile::tempdir().unwrap();
+    let run = desk.path().join("run");
+    let recording = recordings().join("vectors/recordings/infrared.glint");
+    let output = glint(&[
+        "train",
+        recording.to_str().unwrap(),
+        "-o",
+        run.to_str().unwrap(),
+    ]);
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{words}");
+    assert!(words.contains("infrared and no colours"), "{words}");
+    assert!(!run.exists());
+}
+
+#[test]
 fn two_cans_and_a_bag_show_the_lobby() {
     let desk = tempfile::tempdir().unwrap();
     let at = |name: &str| desk.path().join(name).to_str().unwrap().to_owned();

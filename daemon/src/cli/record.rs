@@ -50,9 +50,9 @@ enum WriteChoice {
     after_help = "Example:\n  glintd record 'replay:recordings/two-cans.glint?speed=max' -o copy.glint --mesh copy.ply"
 )]
 pub(super) struct RecordArgs {
-    /// ps1080[:SERIAL] or ps1080:/SYSFS-PATH, a PrimeSense camera, with ?size=vga|qvga, fps=30|60, color=best|yuv422|…,
-    /// registration=off|on, exposure=lock|auto|N&gain=N; or replay:FILE, with ?speed=max (wait for the recorder, drop
-    /// nothing), ?speed=0.5 (of the camera's), &loop.
+    /// ps1080[:SERIAL] or ps1080:/SYSFS-PATH, a PrimeSense camera, with ?size=vga|qvga, fps=30|60,
+    /// color=best|yuv422|infrared|…, emitter=on|off, registration=off|on, exposure=lock|auto|N&gain=N; or replay:FILE,
+    /// with ?speed=max (wait for the recorder, drop nothing), ?speed=0.5 (of the camera's), &loop.
     #[cfg_attr(
         feature = "openni2",
         doc = "Or openni2[:URI], openni2:FILE.oni, what the OpenNI2 library opens, with ?registration=on|off."

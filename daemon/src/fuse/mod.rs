@@ -21,7 +21,7 @@ use fusion::live::{Effort, LiveConfig, LiveFusion, LiveRig, Tracked};
 use fusion::tracking::TrackState;
 use geometry::Pose;
 use sequence::layout::PoseBytes;
-use sequence::{DEPTH_STREAM, FramePose, PoseState, Streams};
+use sequence::{ColorEncoding, DEPTH_STREAM, FramePose, PoseState, Streams};
 use serde_json::json;
 use zerocopy::IntoBytes as _;
 
@@ -95,7 +95,8 @@ pub struct Fuser<'status> {
 /// All that the workers touch.
 struct State {
     depth: DepthPreparer,
-    photographs: PhotographPreparer,
+    /// `None` where there is infrared in place of colour: its dots move with the camera and are no texture.
+    photographs: Option<PhotographPreparer>,
     live: Box<LiveFusion>,
     options: FuseOptions,
     /// `None` where no frame is ever skipped: nothing gives way either.
@@ -124,10 +125,15 @@ impl<'status> Fuser<'status> {
         status: &'status Status,
     ) -> anyhow::Result<Self> {
         let depth = DepthPreparer::new(streams)?;
-        let photographs = PhotographPreparer::new(streams)?;
+        let has_colors = streams.color.encoding != ColorEncoding::Infrared10;
+        let photographs = if has_colors {
+            Some(PhotographPreparer::new(streams)?)
+        } else {
+            None
+        };
         let rig = LiveRig {
             depth_camera: *depth.pinhole(),
-            color_camera: Some(streams.color.intrinsics),
+            color_camera: has_colors.then_some(streams.color.intrinsics),
             color_from_depth: streams.color_from_depth,
         };
         let workers = Workers::new(options.threads).context("no threads for fusion")?;
@@ -252,7 +258,8 @@ impl State {
         let ((decoded, decoding), prepared) = rayon::join(
             || {
                 let begun = Work::begin();
-                let decoded = photograph.map(|bytes| (bytes, photographs.decode(bytes)));
+                let both = photograph.zip(photographs.as_mut());
+                let decoded = both.map(|(bytes, photographs)| (bytes, photographs.decode(bytes)));
                 (decoded, begun.end())
             },
             || {
@@ -270,9 +277,9 @@ impl State {
             }
             None => None,
         };
-        let has_color = match (photograph, self.live.grey_mut()) {
-            (Some(bytes), Some(grey)) => {
-                self.photographs.develop(bytes, grey)?;
+        let has_color = match (photograph, &mut self.photographs, self.live.grey_mut()) {
+            (Some(bytes), Some(photographs), Some(grey)) => {
+                photographs.develop(bytes, grey)?;
                 true
             }
             _ => false,
@@ -296,8 +303,9 @@ impl State {
         if tracked.state != TrackState::Lost {
             self.tracked_count += 1;
             if is_due {
-                let is_colored = has_color && !effort.skip_color;
-                let color = is_colored.then(|| self.photographs.pixels());
+                let colored = self.photographs.as_ref();
+                let colored = colored.filter(|_| has_color && !effort.skip_color);
+                let color = colored.map(PhotographPreparer::pixels);
                 let stats = self.live.fuse(self.depth.image(), color)?;
                 self.report.fused += u64::from(stats.is_some());
                 self.report.limit_reached |= stats.is_some_and(|stats| stats.limit_reached);

@@ -1,109 +1,15 @@
 //! From bytes of an endpoint to numbered frames: each is sent whole, or dropped with its cause.
 
-use crossbeam::sync::Parker;
 use ps1080::Damage;
-use ps1080::color::ColorDecoder;
-use ps1080::samples::SampleDecoder;
-use ps1080::stream::{
-    FrameEvent, FrameReceiver, LossCause, LossCounts, PacketKind, Padding, StreamKind,
-};
-use sequence::{COLOR_STREAM, DEPTH_STREAM, FrameTimes, GapCause};
+use ps1080::stream::{FrameEvent, FrameReceiver, LossCause, LossCounts, PacketKind, Padding};
+use sequence::{FrameTimes, GapCause};
 
 use crate::drops::{Drop, DropLog};
-use crate::frame::{ColorFrame, DepthFrame, FreeFrames};
-use crate::pair::Sent;
 use crate::ps1080::frame_clock::{FrameClock, Origin};
+use crate::ps1080::samples::Samples;
 use crate::ps1080::usb::Arrival;
 use crate::source::{self, SourceEnds};
 use crate::status::{Status, StopFlag};
-
-/// The samples of one kind of frame: how payload becomes them, where free frames are, where full ones go.
-pub(super) trait Samples {
-    /// The frame.
-    type Frame;
-    /// Its stream in the recording.
-    const STREAM: u16;
-    /// Its packets.
-    const KIND: StreamKind;
-
-    /// Begins a frame.
-    fn begin(&mut self, padding: Padding, frame: &mut Self::Frame);
-    /// Decodes payload.
-    fn push(&mut self, payload: &[u8], frame: &mut Self::Frame) -> Result<(), Damage>;
-    /// Ends the frame.
-    fn finish(&mut self, frame: &mut Self::Frame) -> Result<(), Damage>;
-    /// Where free ones are.
-    fn free(ends: &mut SourceEnds) -> (&mut FreeFrames<Self::Frame>, &Parker);
-    /// Ready to be sent.
-    fn sent(frame: Box<Self::Frame>, times: FrameTimes) -> Sent;
-}
-
-/// Depth.
-pub(super) struct Shifts(pub(super) SampleDecoder);
-
-impl Samples for Shifts {
-    type Frame = DepthFrame;
-    const STREAM: u16 = DEPTH_STREAM;
-    const KIND: StreamKind = StreamKind::Depth;
-
-    fn begin(&mut self, padding: Padding, _: &mut DepthFrame) {
-        self.0.begin(padding);
-    }
-
-    fn push(&mut self, payload: &[u8], frame: &mut DepthFrame) -> Result<(), Damage> {
-        self.0.push(payload, &mut frame.samples)
-    }
-
-    fn finish(&mut self, frame: &mut DepthFrame) -> Result<(), Damage> {
-        self.0.finish(&mut frame.samples)
-    }
-
-    fn free(ends: &mut SourceEnds) -> (&mut FreeFrames<DepthFrame>, &Parker) {
-        (&mut ends.depth_frames, &ends.parker)
-    }
-
-    fn sent(mut frame: Box<DepthFrame>, times: FrameTimes) -> Sent {
-        frame.times = times;
-        Sent::Depth(frame)
-    }
-}
-
-/// Colour; a JPEG frame is as long as its stream.
-pub(super) struct Codes {
-    pub(super) decoder: ColorDecoder,
-    /// Bytes of a frame; of JPEG the most.
-    pub(super) frame_bytes: usize,
-}
-
-impl Samples for Codes {
-    type Frame = ColorFrame;
-    const STREAM: u16 = COLOR_STREAM;
-    const KIND: StreamKind = StreamKind::Image;
-
-    fn begin(&mut self, _: Padding, frame: &mut ColorFrame) {
-        frame.bytes.resize(self.frame_bytes, 0);
-        self.decoder.begin();
-    }
-
-    fn push(&mut self, payload: &[u8], frame: &mut ColorFrame) -> Result<(), Damage> {
-        self.decoder.push(payload, &mut frame.bytes)
-    }
-
-    fn finish(&mut self, frame: &mut ColorFrame) -> Result<(), Damage> {
-        let length = self.decoder.finish()?;
-        frame.bytes.truncate(length);
-        Ok(())
-    }
-
-    fn free(ends: &mut SourceEnds) -> (&mut FreeFrames<ColorFrame>, &Parker) {
-        (&mut ends.color_frames, &ends.parker)
-    }
-
-    fn sent(mut frame: Box<ColorFrame>, times: FrameTimes) -> Sent {
-        frame.times = times;
-        Sent::Color(frame)
-    }
-}
 
 /// What an assembler needs of its surroundings.
 pub(super) struct Surroundings<'a> {

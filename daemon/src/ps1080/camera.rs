@@ -1,6 +1,6 @@
 //! A camera as a source of frames.
 
-use ps1080::color::{ColorDecoder, ColorFormat};
+use ps1080::color::ColorDecoder;
 use ps1080::host::Request;
 use ps1080::samples::SampleDecoder;
 use ps1080::stream::{LossCounts, TickRate};
@@ -9,15 +9,16 @@ use sequence::{Event, GapCause, Streams};
 use serde_json::{Value, json};
 
 use crate::clock::HostClock;
-use crate::ps1080::assemble::{Assembler, Codes, Remark, Shifts, Surroundings};
+use crate::ps1080::assemble::{Assembler, Remark, Surroundings};
 use crate::ps1080::control::Control;
 use crate::ps1080::describe::streams_of;
 use crate::ps1080::error::CameraError;
 use crate::ps1080::exchange::{MILLI_NANOS, SECOND_NANOS};
 use crate::ps1080::exposure::ExposureControl;
 use crate::ps1080::frame_clock::{FrameClock, Origin};
-use crate::ps1080::modes::Wanted;
+use crate::ps1080::modes::{ImageMode, Plan, Wanted};
 use crate::ps1080::open::Unit;
+use crate::ps1080::samples::{Brightness, Picture, Shifts};
 use crate::ps1080::session::Session;
 use crate::ps1080::streams::Endpoints;
 use crate::ps1080::usb::{Arrival, UsbError, UsbTransport};
@@ -30,15 +31,12 @@ const LOOK_NANOS: i64 = 20 * MILLI_NANOS;
 const SILENCE_NANOS: i64 = 3 * SECOND_NANOS;
 /// So often in vain.
 const MOST_RESTARTS: u32 = 3;
-/// Bytes of a JPEG frame, as a share of its pixels: far more than the best quality takes.
-const JPEG_BYTES_A_PIXEL: usize = 2;
 
 /// A camera that is open and configured; its streams run while it is [run](FrameSource::run).
 pub struct Camera {
     session: Session,
     unit: Unit,
-    wanted: Wanted,
-    format: ColorFormat,
+    plan: Plan,
     tick_rate: TickRate,
     endpoints: Endpoints,
     kind: TransferKind,
@@ -63,20 +61,20 @@ impl Camera {
         let with_firmware = |error: CameraError| {
             anyhow::Error::new(error).context(format!("camera with firmware {firmware}"))
         };
-        let format = wanted.color_format(&unit).map_err(with_firmware)?;
+        let plan = wanted.plan(&unit).map_err(with_firmware)?;
         let kind = session.choose_setting(firmware).map_err(with_firmware)?;
-        let configured = session.configure(&wanted, format, firmware);
-        configured.map_err(with_firmware)?;
+        session.configure(&plan).map_err(with_firmware)?;
         // It may change with the mode.
         let tick_rate = session.ask_tick_rate().map_err(with_firmware)?;
         unit.tick_rate = tick_rate;
-        let streams = streams_of(&unit, &wanted, format, product, path)?;
+        let streams = streams_of(&unit, &plan, product, path)?;
         tracing::info!(
-            "{product} {}, firmware {firmware}, {:?}: depth {:?} {:?}, colour {:?} {format:?}, {} frames a second, {kind:?}",
+            "{product} {}, firmware {firmware}, {:?}: depth {:?} {:?}, {:?} {:?}, {} frames a second, {kind:?}",
             unit.serial,
             unit.version.hardware(),
             wanted.depth_resolution,
             wanted.depth_format,
+            plan.image,
             wanted.color_resolution,
             wanted.fps,
         );
@@ -84,8 +82,7 @@ impl Camera {
             session,
             endpoints: Endpoints::of(firmware),
             unit,
-            wanted,
-            format,
+            plan,
             tick_rate,
             kind,
             streams,
@@ -102,28 +99,33 @@ impl Camera {
         self.kind
     }
 
-    fn color_pixels(&self) -> usize {
-        let (width, height) = self.wanted.color_resolution.size();
-        usize::from(width) * usize::from(height)
-    }
-
-    fn assemblers(&self) -> Result<(Assembler<Shifts>, Assembler<Codes>), CameraError> {
+    fn assemblers(&self) -> Result<(Assembler<Shifts>, Assembler<Picture>), CameraError> {
+        let Plan { wanted, image, .. } = self.plan;
         let clock = || {
-            FrameClock::new(self.tick_rate, self.wanted.fps)
+            FrameClock::new(self.tick_rate, wanted.fps)
                 .ok_or(CameraError::Numbers { what: "frequency" })
         };
-        let (width, height) = self.wanted.depth_resolution.size();
+        let (width, height) = wanted.depth_resolution.size();
         let pixel_count = usize::from(width) * usize::from(height);
-        let shifts = Shifts(SampleDecoder::new(self.wanted.depth_format, pixel_count));
-        let (width, height) = self.wanted.color_resolution.size();
-        let decoder = ColorDecoder::new(self.format, width, height);
-        let codes = Codes {
-            decoder: decoder.ok_or(CameraError::Numbers { what: "width" })?,
-            frame_bytes: self.most_color_bytes(),
+        let shifts = Shifts(SampleDecoder::new(wanted.depth_format, pixel_count));
+        let resolution = wanted.color_resolution;
+        let picture = match image {
+            ImageMode::Color(format) => {
+                let (width, height) = resolution.size();
+                let decoder = ColorDecoder::new(format, width, height);
+                Picture::Color {
+                    decoder: decoder.ok_or(CameraError::Numbers { what: "width" })?,
+                    frame_bytes: self.plan.most_image_bytes(),
+                }
+            }
+            ImageMode::Infrared => {
+                let sensor = self.unit.fixed.depth_sensor();
+                Picture::Infrared(Brightness::new(sensor, resolution))
+            }
         };
         Ok((
             Assembler::new(shifts, clock()?),
-            Assembler::new(codes, clock()?),
+            Assembler::new(picture, clock()?),
         ))
     }
 }
@@ -142,19 +144,15 @@ impl FrameSource for Camera {
     }
 
     fn most_color_bytes(&self) -> usize {
-        let (width, height) = self.wanted.color_resolution.size();
-        match self.format.line_bytes(width) {
-            Some(line_bytes) => line_bytes * usize::from(height),
-            None => JPEG_BYTES_A_PIXEL * self.color_pixels(),
-        }
+        self.plan.most_image_bytes()
     }
 
     fn widest_pair_nanos(&self) -> i64 {
-        SECOND_NANOS / 2 / i64::from(self.wanted.fps.max(1))
+        SECOND_NANOS / 2 / i64::from(self.plan.wanted.fps.max(1))
     }
 
     fn period_nanos(&self) -> Option<i64> {
-        (!self.waits()).then(|| SECOND_NANOS / i64::from(self.wanted.fps.max(1)))
+        (!self.waits()).then(|| SECOND_NANOS / i64::from(self.plan.wanted.fps.max(1)))
     }
 
     fn run(
@@ -165,8 +163,9 @@ impl FrameSource for Camera {
         stop: &StopFlag,
     ) -> anyhow::Result<SourceReport> {
         let (depth, color) = self.assemblers()?;
-        let firmware = self.unit.firmware();
+        let plan = self.plan;
         let mut running = Running {
+            plan,
             depth,
             color,
             ends,
@@ -178,20 +177,12 @@ impl FrameSource for Camera {
             frames_at_restart: 0,
         };
         let session = &mut self.session;
-        let mut exposure = ExposureControl::new(self.wanted.exposure, &self.unit);
+        let mut exposure = ExposureControl::new(plan.exposure(), &self.unit);
         let result = match session.queue_reads(self.endpoints) {
             Ok(()) => {
-                let switches = session.switches(&self.wanted, firmware);
+                let switches = session.switches(&plan);
                 let mut control = Control::new(switches, session.usb.now_nanos());
-                running.stream(
-                    session,
-                    &mut control,
-                    &mut exposure,
-                    &self.wanted,
-                    firmware,
-                    status,
-                    stop,
-                )
+                running.stream(session, &mut control, &mut exposure, status, stop)
             }
             Err(error) => Err(error),
         };
@@ -206,7 +197,7 @@ impl FrameSource for Camera {
         let has_frames = running.has_frames();
         drop(running);
         if !is_gone {
-            session.stop_streams(self.endpoints);
+            session.stop_streams(self.endpoints, &plan);
         }
         match result {
             Err(error) if !has_frames && !is_gone => Err(error.into()),
@@ -221,8 +212,10 @@ impl FrameSource for Camera {
 
 /// Streams that run.
 struct Running {
+    plan: Plan,
     depth: Assembler<Shifts>,
-    color: Assembler<Codes>,
+    /// Colour or infrared.
+    color: Assembler<Picture>,
     ends: SourceEnds,
     origin: Origin,
     waits: bool,
@@ -240,8 +233,6 @@ impl Running {
         session: &mut Session,
         control: &mut Control,
         exposure: &mut ExposureControl,
-        wanted: &Wanted,
-        firmware: ps1080::firmware::Firmware,
         status: &Status,
         stop: &StopFlag,
     ) -> Result<(), CameraError> {
@@ -253,6 +244,12 @@ impl Running {
                 tracing::info!("{details}");
                 self.say(sequence::COLOR_STREAM, details, session.usb.now_nanos());
             }
+            if let Some(is_on) = control.take_switched_emitter() {
+                let word = if is_on { "on" } else { "off" };
+                tracing::info!("the emitter is {word}");
+                let details = json!({"event": "settings", "emitter": word});
+                self.say(0, details, session.usb.now_nanos());
+            }
             let now_nanos = session.usb.now_nanos();
             let until_nanos = next_nanos.min(now_nanos + LOOK_NANOS).max(now_nanos);
             self.reap(session, until_nanos, status, stop)?;
@@ -261,7 +258,7 @@ impl Running {
                 let last = self.latest_nanos().unwrap_or(silent_since);
                 silent_since = silent_since.max(last);
                 if session.usb.now_nanos() - silent_since >= SILENCE_NANOS {
-                    self.restart(session, control, wanted, firmware)?;
+                    self.restart(session, control)?;
                     silent_since = session.usb.now_nanos();
                 }
             } else {
@@ -309,13 +306,14 @@ impl Running {
         })
     }
 
-    /// The stream that came last decides: one that stands still while the other runs does so by the camera's will.
+    /// When the stream spoke last that has been silent for longer; depth may be silent while the emitter is off.
     fn latest_nanos(&self) -> Option<i64> {
         let (depth, color) = (
             self.depth.last_arrival_nanos(),
             self.color.last_arrival_nanos(),
         );
         match (depth, color) {
+            _ if self.plan.emitter() == Some(false) => color,
             (Some(depth), Some(color)) => Some(depth.min(color)),
             _ => None,
         }
@@ -325,13 +323,7 @@ impl Running {
         self.depth.sent_count() + self.color.sent_count() > 0
     }
 
-    fn restart(
-        &mut self,
-        session: &mut Session,
-        control: &mut Control,
-        wanted: &Wanted,
-        firmware: ps1080::firmware::Firmware,
-    ) -> Result<(), CameraError> {
+    fn restart(&mut self, session: &mut Session, control: &mut Control) -> Result<(), CameraError> {
         let frames = self.depth.sent_count() + self.color.sent_count();
         if frames > self.frames_at_restart {
             self.restart_count = 0;
@@ -350,7 +342,7 @@ impl Running {
         self.say(0, details, session.usb.now_nanos());
         self.depth.note_restart();
         self.color.note_restart();
-        control.restart(session.switches(wanted, firmware));
+        control.restart(session.switches(&self.plan));
         Ok(())
     }
 

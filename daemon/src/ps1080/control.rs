@@ -24,6 +24,8 @@ pub(super) struct Control {
     tries: u32,
     /// Nothing is sent before.
     next_nanos: i64,
+    /// The emitter has been switched on or off, and nobody has asked yet.
+    switched_emitter: Option<bool>,
 }
 
 impl Control {
@@ -34,7 +36,14 @@ impl Control {
             is_of_exposure: false,
             tries: 0,
             next_nanos: now_nanos,
+            switched_emitter: None,
         }
+    }
+
+    /// Once after each time that the camera has switched the emitter as it was told: whether it is on. There is no
+    /// request that reads it back; that the camera agreed is all that is known.
+    pub(super) fn take_switched_emitter(&mut self) -> Option<bool> {
+        self.switched_emitter.take()
     }
 
     /// Whether streams are being switched on.
@@ -107,19 +116,24 @@ impl Control {
             match result {
                 Err(error) if job.is_some_and(|job| is_needed(&job.request)) => return Err(error),
                 Err(error) => tracing::warn!("{error}"),
-                Ok(_) => {}
+                Ok(_) => {
+                    if let Some(Request::EnableEmitter { on }) = job.map(|job| job.request) {
+                        self.switched_emitter = Some(on != 0);
+                    }
+                }
             }
         }
         Ok(self.next_nanos.max(now_nanos))
     }
 }
 
-/// Whether there are no streams without it.
+/// Whether the recording is not what was asked for without it.
 fn is_needed(request: &Request) -> bool {
     match request {
         Request::SetParam { pairs } => pairs.as_slice().first().is_some_and(|id| {
             [Parameter::Stream0Mode.id(), Parameter::Stream1Mode.id()].contains(id)
         }),
+        Request::EnableEmitter { on } => *on == 0,
         _ => request.opcode() != Opcode::SetParam,
     }
 }

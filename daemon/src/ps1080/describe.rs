@@ -6,13 +6,13 @@ use geometry::{DVec3, Intrinsics, Pose};
 use ps1080::blocks::FixedField;
 use ps1080::color::ColorFormat;
 use ps1080::mode::Resolution;
-use ps1080::shift::{ReferencePattern, ShiftParameters};
+use ps1080::shift::ShiftParameters;
 use sequence::{
     ColorCamera, ColorEncoding, DepthCamera, DepthSamples, Device, ResponseCurve, ShiftConstants,
     StreamTiming, Streams, TickClock, VignettingCurve, YuvMeaning,
 };
 
-use crate::ps1080::modes::Wanted;
+use crate::ps1080::modes::{ImageMode, Plan};
 use crate::ps1080::open::Unit;
 
 /// Width of the picture that the focal length is given for, pixels.
@@ -22,23 +22,19 @@ const TICK_BITS: u32 = 32;
 /// Metres a unit of a table in mm.
 const MILLIMETRE: f64 = 0.001;
 
-/// The streams of `unit` in the mode `wanted`, with colour of `format`. `path` says where it is plugged in.
+/// The streams of `unit` as `plan` has them. `path` says where it is plugged in.
 ///
 /// # Errors
 /// Numbers of the unit that make no camera.
 pub(super) fn streams_of(
     unit: &Unit,
-    wanted: &Wanted,
-    format: ColorFormat,
+    plan: &Plan,
     product: &str,
     path: &str,
 ) -> anyhow::Result<Streams> {
     let numbers = |what| crate::ps1080::CameraError::Numbers { what };
-    let pattern = match wanted.fps {
-        60 => ReferencePattern::Vga,
-        _ => ReferencePattern::OwnSize,
-    };
-    let shift = ShiftParameters::new(&unit.fixed, unit.constant_shift, pattern)
+    let wanted = &plan.wanted;
+    let shift = ShiftParameters::new(&unit.fixed, unit.constant_shift, plan.pattern())
         .ok_or_else(|| numbers("fixed parameters"))?;
     let intrinsics = |resolution: Resolution| nominal(resolution, shift.vga_focal_pixels());
     let constants = constants_of(&shift);
@@ -50,7 +46,7 @@ pub(super) fn streams_of(
     depth.is_registered = wanted.is_registered;
     let mut color = ColorCamera::new(
         intrinsics(wanted.color_resolution)?,
-        encoding_of(format),
+        encoding_of(plan.image),
         1.0,
         ResponseCurve::Identity,
         VignettingCurve::None,
@@ -73,7 +69,7 @@ pub(super) fn streams_of(
     Ok(Streams {
         depth,
         color,
-        color_from_depth: color_from_depth(unit, wanted),
+        color_from_depth: color_from_depth(unit, plan),
         depth_timing: timing,
         color_timing: timing,
         device: Some(Device {
@@ -125,16 +121,20 @@ fn range_of(table_mm: &[u16]) -> Option<RangeInclusive<f32>> {
 }
 
 /// The colour camera sits to the right of the depth camera, towards the emitter, as seen from behind them; registered
-/// depth is seen from the colour camera.
-fn color_from_depth(unit: &Unit, wanted: &Wanted) -> Pose {
+/// depth is seen from the colour camera, and infrared is what the depth camera sees.
+fn color_from_depth(unit: &Unit, plan: &Plan) -> Pose {
     let distance_cm = f64::from(unit.fixed.length_cm(FixedField::ColorDistance));
-    if wanted.is_registered || !(0.0..100.0).contains(&distance_cm) {
+    let is_one_view = plan.wanted.is_registered || plan.image == ImageMode::Infrared;
+    if is_one_view || !(0.0..100.0).contains(&distance_cm) {
         return Pose::IDENTITY;
     }
     Pose::from_translation(DVec3::new(-distance_cm / 100.0, 0.0, 0.0))
 }
 
-fn encoding_of(format: ColorFormat) -> ColorEncoding {
+fn encoding_of(image: ImageMode) -> ColorEncoding {
+    let ImageMode::Color(format) = image else {
+        return ColorEncoding::Infrared10;
+    };
     match format {
         ColorFormat::CompressedBayer | ColorFormat::Bayer => ColorEncoding::BayerGrbg,
         ColorFormat::CompressedYuv422 | ColorFormat::Uyvy => ColorEncoding::Uyvy,

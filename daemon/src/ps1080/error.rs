@@ -85,6 +85,14 @@ pub enum CameraError {
         /// What there is.
         offered: String,
     },
+    /// Wishes that no camera of this kind fulfils together.
+    #[error("{0}")]
+    Contradiction(&'static str),
+    /// A projector that this firmware does not switch.
+    #[error(
+        "firmware {0} cannot switch the emitter: that needs 5.8.15; cover the projector, or leave `emitter=off` out"
+    )]
+    EmitterSwitch(Firmware),
 }
 
 impl CameraError {

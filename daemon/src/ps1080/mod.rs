@@ -2,8 +2,8 @@
 //!
 //! [`usb`] what is needed of USB, and `libusb` that on a real bus · `exchange` and [`session`] requests · [`open`] what
 //! the camera is · [`modes`] what is asked of it · `streams` and `control` switching it on, between the arrivals of data ·
-//! `frame_clock` and `assemble` frames, their numbers and what is missing · `exposure` · `describe` what the recording
-//! says · [`camera`] all of it as a source · `list` which cameras there are.
+//! `frame_clock`, `samples` and `assemble` frames, their numbers and what is missing · `exposure` · `describe` what the
+//! recording says · [`camera`] all of it as a source · `list` which cameras there are.
 //!
 //! One thread does all: it reaps transfers, decodes their payload straight into pooled frames, and steps the conversation
 //! in between, so that no reply is waited for while data come. Samples are the camera's own, untouched.
@@ -20,6 +20,7 @@ mod frame_clock;
 pub mod libusb;
 pub mod modes;
 pub mod open;
+mod samples;
 pub mod session;
 mod streams;
 pub mod usb;

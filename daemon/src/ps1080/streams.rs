@@ -2,7 +2,6 @@
 
 use std::collections::VecDeque;
 
-use ps1080::color::ColorFormat;
 use ps1080::firmware::Firmware;
 use ps1080::host::Request;
 use ps1080::mode::StreamMode;
@@ -12,7 +11,7 @@ use ps1080::usb::{TransferKind, alternate_setting, endpoint};
 
 use crate::ps1080::error::CameraError;
 use crate::ps1080::exchange::MILLI_NANOS;
-use crate::ps1080::modes::{ExposurePlan, Wanted, knows};
+use crate::ps1080::modes::Plan;
 use crate::ps1080::session::Session;
 use crate::ps1080::usb::QueueShape;
 
@@ -29,7 +28,7 @@ pub(super) struct Job {
     pub(super) after_nanos: i64,
 }
 
-/// Endpoints of depth and colour.
+/// Endpoints of depth, and of colour or infrared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Endpoints {
     pub(super) depth: u8,
@@ -79,12 +78,7 @@ impl Session {
     ///
     /// # Errors
     /// What the camera refuses.
-    pub(super) fn configure(
-        &mut self,
-        wanted: &Wanted,
-        format: ColorFormat,
-        firmware: Firmware,
-    ) -> Result<(), CameraError> {
+    pub(super) fn configure(&mut self, plan: &Plan) -> Result<(), CameraError> {
         // What an earlier program left on.
         self.set(Parameter::Stream0Mode, StreamMode::Off as u16)?;
         self.set(Parameter::Stream1Mode, StreamMode::Off as u16)?;
@@ -93,11 +87,8 @@ impl Session {
             Ok(gain) => gain,
             Err(_) => USUAL_DEPTH_GAIN,
         };
-        let depth = wanted.depth_parameters(depth_gain);
-        for (parameter, value) in depth.into_iter().chain(wanted.color_parameters(format)) {
-            if knows(firmware, parameter) {
-                self.set(parameter, value)?;
-            }
+        for (parameter, value) in plan.parameters(depth_gain) {
+            self.set(parameter, value)?;
             if parameter == Parameter::ImageFlicker {
                 self.pause_millis(self.delays().flicker_millis);
             }
@@ -121,42 +112,46 @@ impl Session {
         Ok(())
     }
 
-    /// What switches the streams on, to be sent while reads are in flight: depth, colour, frame sync, the rest.
-    pub(super) fn switches(&self, wanted: &Wanted, firmware: Firmware) -> VecDeque<Job> {
+    /// What switches the streams on, to be sent while reads are in flight: depth, which must be first, what comes beside
+    /// it, the emitter, the rest.
+    pub(super) fn switches(&self, plan: &Plan) -> VecDeque<Job> {
         let delays = self.delays();
-        let is_auto = u16::from(!matches!(wanted.exposure, ExposurePlan::Manual { .. }));
-        let switches = [
-            (
-                Parameter::Stream1Mode,
-                StreamMode::Depth as u16,
+        let after = |request, millis: u32| Job {
+            request,
+            after_nanos: i64::from(millis) * MILLI_NANOS,
+        };
+        let mode = |parameter, mode: StreamMode| Request::set(parameter, mode as u16);
+        let mut jobs = VecDeque::from([
+            after(
+                mode(Parameter::Stream1Mode, StreamMode::Depth),
                 delays.depth_mode_millis,
             ),
-            (
-                Parameter::Stream0Mode,
-                StreamMode::Color as u16,
+            after(
+                mode(Parameter::Stream0Mode, plan.image_stream_mode()),
                 delays.stream_mode_millis,
             ),
-            (Parameter::FrameSync, 1, 0),
-            (Parameter::CloseRange, u16::from(wanted.is_close), 0),
-            (Parameter::DepthCropMode, 0, 0),
-            (Parameter::ImageCropMode, 0, 0),
-            (Parameter::AutoExposure, is_auto, 0),
-            (Parameter::AutoWhiteBalance, is_auto, 0),
-        ];
-        let known = switches
-            .into_iter()
-            .filter(|(parameter, ..)| knows(firmware, *parameter));
-        known
-            .map(|(parameter, value, millis)| Job {
-                request: Request::set(parameter, value),
-                after_nanos: i64::from(millis) * MILLI_NANOS,
-            })
-            .collect()
+        ]);
+        jobs.extend(plan.emitter().map(|is_on| after(emitter(is_on), 0)));
+        let settings = plan.settings_of_running_streams().into_iter();
+        jobs.extend(settings.map(|(parameter, value)| after(Request::set(parameter, value), 0)));
+        jobs
+    }
+
+    /// Switches the emitter on that the recording had switched off.
+    fn restore_emitter(&mut self) {
+        if let Err(error) = self.ask_briefly(emitter(true), STOP_REPLY_NANOS)
+            && !error.is_gone()
+        {
+            tracing::warn!("the emitter stays off until the camera is plugged in anew: {error}");
+        }
     }
 
     /// Switches everything off; what cannot be done because the camera is gone is done.
-    pub(super) fn stop_streams(&mut self, endpoints: Endpoints) {
+    pub(super) fn stop_streams(&mut self, endpoints: Endpoints, plan: &Plan) {
         self.set_streaming(false);
+        if plan.emitter() == Some(false) {
+            self.restore_emitter();
+        }
         for parameter in [Parameter::Stream1Mode, Parameter::Stream0Mode] {
             let request = Request::set(parameter, StreamMode::Off as u16);
             if let Err(error) = self.ask_briefly(request, STOP_REPLY_NANOS) {
@@ -168,5 +163,11 @@ impl Session {
         }
         self.usb.stop(endpoints.depth);
         self.usb.stop(endpoints.image);
+    }
+}
+
+fn emitter(is_on: bool) -> Request {
+    Request::EnableEmitter {
+        on: u16::from(is_on),
     }
 }

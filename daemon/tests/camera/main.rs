@@ -2,6 +2,8 @@
 
 mod faults;
 mod registration;
+mod infrared;
+mod jpeg;
 mod transport;
 mod unplug;
 mod whole;

@@ -1,5 +1,6 @@
 //! USB with a camera in software behind it. Time stands still while nobody asks.
 
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use glintd::capture::{CaptureOptions, capture_from};
@@ -10,8 +11,8 @@ use glintd::ps1080::usb::{Arrival, QueueShape, UsbError, UsbTransport};
 use glintd::status::StopFlag;
 use ps1080::mode::Resolution;
 use ps1080::usb::TransferKind;
-use sequence::Recording;
 use sequence::verify::{Verification, verify};
+use sequence::{ColorEncoding, Recording};
 use virtual_carmine::{
     Bus, Control, Counters, Faults, Personality, Setup, TestPattern, TransferStatus, VirtualCarmine,
 };
@@ -255,13 +256,10 @@ pub(crate) fn film(personality: Personality, faults: Faults, wanted: Wanted) -> 
 }
 
 /// The same, of a camera that is open.
-pub(crate) fn film_with(mut camera: Camera, bus: &SharedBus) -> Filmed {
+pub(crate) fn film_with(camera: Camera, bus: &SharedBus) -> Filmed {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("out.glint");
-    let mut options = CaptureOptions::new("ps1080".parse().unwrap(), output.clone());
-    // The machine's disk is not what is tested.
-    options.reserve_bytes = Some(0);
-    let outcome = capture_from(&mut camera, options, &StopFlag::default(), &mut |_| {}).unwrap();
+    let outcome = record(camera, &output).unwrap();
     let counters = bus.lock().unwrap().camera().counters();
     Filmed {
         outcome,
@@ -272,12 +270,26 @@ pub(crate) fn film_with(mut camera: Camera, bus: &SharedBus) -> Filmed {
     }
 }
 
+fn record(mut camera: Camera, output: &Path) -> anyhow::Result<Outcome> {
+    let mut options = CaptureOptions::new("ps1080".parse().unwrap(), output.to_owned());
+    // The machine's disk is not what is tested.
+    options.reserve_bytes = Some(0);
+    capture_from(&mut camera, options, &StopFlag::default(), &mut |_| {})
+}
+
+/// Why nothing comes of a recording.
+pub(crate) fn failure(camera: Camera) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let error = record(camera, &folder.path().join("out.glint")).unwrap_err();
+    format!("{error:#}")
+}
+
 impl Filmed {
     /// Every frame of the recording is one that was filmed, pixel by pixel; how many of each stream.
     pub(crate) fn assert_pixels(&self) -> (usize, usize) {
         let pattern = pattern();
-        let (width, height) = (320, 240);
-        let is_uyvy = self.recording.color_camera().encoding == sequence::ColorEncoding::Uyvy;
+        let intrinsics = self.recording.depth_camera().intrinsics;
+        let (width, height) = (intrinsics.width(), intrinsics.height());
         let (depth_count, color_count) = self.counts();
         let mut decoders =
             sequence::decode::StreamDecoders::new(self.recording.description()).unwrap();
@@ -298,23 +310,48 @@ impl Filmed {
                 }
             }
         }
+        self.assert_images();
+        (depth_count, color_count)
+    }
+
+    /// The same of what comes beside depth, with the dots of the emitter.
+    pub(crate) fn assert_images(&self) {
+        let pattern = pattern();
+        let camera = self.recording.color_camera();
+        let (width, encoding) = (camera.intrinsics.width(), camera.encoding);
+        // Which frame it is stands in the first byte of luma or of chroma, of the mosaic, of the brightness.
+        let (index_at, row_bytes) = match encoding {
+            ColorEncoding::BayerGrbg => (0, width),
+            ColorEncoding::Yuyv => (1, 2 * width),
+            _ => (0, 2 * width),
+        };
+        let filmed = |index, x: u32, y| match encoding {
+            ColorEncoding::BayerGrbg => pattern.bayer_byte(index, x, y),
+            ColorEncoding::Uyvy => pattern.uyvy_byte(index, x, y),
+            ColorEncoding::Yuyv => pattern.uyvy_byte(index, x ^ 1, y),
+            ColorEncoding::Infrared10 => {
+                pattern.infrared_sample(index, x / 2, y).to_le_bytes()[x as usize % 2]
+            }
+            other => panic!("{other:?} is not filmed"),
+        };
+        let mut decoders =
+            sequence::decode::StreamDecoders::new(self.recording.description()).unwrap();
         let mut bytes = Vec::new();
-        for place in contents.stream(sequence::COLOR_STREAM) {
+        for place in self.recording.contents().stream(sequence::COLOR_STREAM) {
             let (_, payload) = self.recording.frame(place).unwrap();
             decoders.color_into(payload, &mut bytes).unwrap();
-            let index = u64::from(bytes[0]);
-            let row_bytes = if is_uyvy { 2 * width } else { width };
+            assert_eq!(bytes.len() as u32, row_bytes * camera.intrinsics.height());
+            let index = u64::from(bytes[index_at]);
             for (place, got) in (0..).zip(&bytes) {
                 let (x, y) = (place % row_bytes, place / row_bytes);
-                let filmed = if is_uyvy {
-                    pattern.uyvy_byte(index, x, y)
-                } else {
-                    pattern.bayer_byte(index, x, y)
-                };
-                assert_eq!(*got, filmed, "colour {index} at {x} {y}");
+                assert_eq!(
+                    *got,
+                    filmed(index, x, y),
+                    "{encoding} {index} at {x} {y}",
+                    encoding = encoding.name()
+                );
             }
         }
-        (depth_count, color_count)
     }
 
     /// Frames of depth and colour.

@@ -13,7 +13,7 @@ use crate::transport::{BusTransport, Filmed, bus, film, film_with, open, open_ov
 /// Time until the plug is pulled, nanoseconds.
 const SHORT_NANOS: i64 = 1_500_000_000;
 
-fn unplugged_after(nanos: i64) -> Faults {
+pub(crate) fn unplugged_after(nanos: i64) -> Faults {
     Faults {
         unplug_after_nanos: Some(nanos),
         ..Faults::default()
@@ -21,7 +21,7 @@ fn unplugged_after(nanos: i64) -> Faults {
 }
 
 /// Bit-equal, none lost but the two that the plug cut.
-fn assert_whole(filmed: &Filmed, least: usize) {
+pub(crate) fn assert_whole(filmed: &Filmed, least: usize) {
     let (depth, color) = filmed.assert_pixels();
     assert!(depth >= least && color >= least, "{depth} {color}");
     let lost =
@@ -62,6 +62,7 @@ fn every_format_of_color_comes_as_filmed() {
         (ColorFormat::Bayer, ColorEncoding::BayerGrbg),
         (ColorFormat::CompressedYuv422, ColorEncoding::Uyvy),
         (ColorFormat::Uyvy, ColorEncoding::Uyvy),
+        (ColorFormat::Yuyv, ColorEncoding::Yuyv),
     ] {
         let wanted = Wanted {
             color: ColorChoice::Format(format),

@@ -12,7 +12,7 @@ use glintd::status::StopFlag;
 use sequence::contents::StoredPoses;
 use sequence::copy::{cut, recover};
 use sequence::verify::verify;
-use sequence::{Contents, FramePose, PoseState, Recording};
+use sequence::{ColorEncoding, Contents, FramePose, PoseState, Recording};
 
 use super::scene::{self, Shot};
 
@@ -33,9 +33,12 @@ pub(crate) fn walk(count: u64) -> Vec<Shot> {
 }
 
 fn record(folder: &Path, shots: &[Shot], threads: usize) -> (Outcome, PathBuf) {
-    let input = scene::write(folder, shots);
+    record_of(&scene::write(folder, shots), folder, threads)
+}
+
+fn record_of(input: &Path, folder: &Path, threads: usize) -> (Outcome, PathBuf) {
     let output = folder.join(format!("out-{threads}.glint"));
-    let mut options = options(&input, &output);
+    let mut options = options(input, &output);
     if let Some(fuse) = &mut options.fuse {
         fuse.threads = threads;
     }
@@ -104,6 +107,24 @@ fn every_frame_is_tracked_from_the_first_pose_of_the_source_on() {
     ] {
         assert!(names.contains(&name), "{names:?}");
     }
+    assert!(verify(&output, true).unwrap().is_whole());
+}
+
+#[test]
+fn infrared_dots_that_move_with_the_camera_hold_nobody_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = scene::write_as(folder.path(), &walk(40), ColorEncoding::Infrared10);
+    let (outcome, output) = record_of(&input, folder.path(), 2);
+    let fusion = &outcome.fusion;
+    assert_eq!((fusion.tracked, fusion.lost, fusion.fused), (40, 0, 40));
+    let recording = Recording::open(&output).unwrap();
+    let poses = recording.poses("live").unwrap();
+    let errors = (0..)
+        .zip(poses)
+        .map(|(place, pose)| apart(*pose, scene::pose(place)));
+    let worst = errors.fold(0.0, f64::max);
+    // A voxel.
+    assert!(worst < 0.01, "{worst} m");
     assert!(verify(&output, true).unwrap().is_whole());
 }
 

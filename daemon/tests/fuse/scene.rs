@@ -133,10 +133,28 @@ pub(crate) fn images(shot: Shot) -> (Vec<u16>, Vec<u8>) {
     }
 }
 
+/// Infrared as a camera with its emitter on sees it: dots that move with the camera and so stand still in the picture.
+fn dots(number: u64) -> Vec<u8> {
+    let brightness = |index: u32| {
+        let dot = index.wrapping_mul(2_654_435_761) >> 16 & 7;
+        if dot == 0 { 900 } else { 60 }
+    };
+    let mut samples: Vec<u16> = (0..WIDTH * HEIGHT).map(brightness).collect();
+    // No two pictures are the same.
+    samples[0] = number as u16;
+    samples.iter().flat_map(|code| code.to_le_bytes()).collect()
+}
+
 /// Writes `shots` with the set `source`, of the depth camera.
 pub(crate) fn write(folder: &Path, shots: &[Shot]) -> PathBuf {
+    write_as(folder, shots, ColorEncoding::Rgb8)
+}
+
+/// The same with colour, or with infrared in its place.
+pub(crate) fn write_as(folder: &Path, shots: &[Shot], encoding: ColorEncoding) -> PathBuf {
     let path = folder.join("source.glint");
-    let description = description();
+    let mut description = description();
+    description.streams.color.encoding = encoding;
     let id = FileId::of_content(&[b"scene"]);
     let mut writer = RecordingWriter::create_beside(&path, id, &description).unwrap();
     let mut depth_encoder =
@@ -144,7 +162,10 @@ pub(crate) fn write(folder: &Path, shots: &[Shot]) -> PathBuf {
     let mut color_encoder = ColorStreamEncoder::new(&description.streams).unwrap();
     let set = writer.begin_poses("source", "test", DEPTH_STREAM).unwrap();
     for (number, shot) in (0..).zip(shots) {
-        let (depth, color) = images(*shot);
+        let (depth, mut color) = images(*shot);
+        if encoding == ColorEncoding::Infrared10 {
+            color = dots(number);
+        }
         let (payload, table) = depth_encoder.encode(&depth).unwrap();
         if let Some(table) = table {
             writer.write_table(DEPTH_STREAM, table).unwrap();

@@ -60,6 +60,7 @@ fn seeds(folder: &Path) -> Result<Vec<Seed>, Box<dyn Error>> {
             Some("uyvy") => Some(ColorFormat::Uyvy),
             Some("yuyv") => Some(ColorFormat::Yuyv),
             Some("rgb8") => Some(ColorFormat::Rgb8),
+            Some("infrared10") => Some(ColorFormat::Infrared10),
             _ => None,
         };
         let decoder = if let Some(format) = format {

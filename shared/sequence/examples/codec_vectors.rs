@@ -33,6 +33,7 @@ fn main() -> Outcome {
     color(&mut vectors)?;
     refused_depth(&mut vectors)?;
     refused_color(&mut vectors)?;
+    infrared(&mut vectors)?;
     let index = serde_json::to_string_pretty(&vectors.index)?;
     std::fs::write(vectors.folder.join("index.json"), index + "\n")?;
     println!("{} vectors", vectors.index.len());
@@ -330,6 +331,35 @@ fn color(vectors: &mut Vectors) -> Outcome {
         (&payload, Some(&noise)),
         describes,
     )
+}
+
+/// Infrared came later: the vectors before it keep their places and their noise.
+fn infrared(vectors: &mut Vectors) -> Outcome {
+    let mut random = Pcg64Mcg::seed_from_u64(24);
+    let format = ColorFormat::Infrared10;
+    for size in [(64, 48), (31, 17)] {
+        let dots = |random: &mut Pcg64Mcg, pixel: u32| {
+            let slope = 6 * (pixel % size.0) + 4 * (pixel / size.0);
+            let dot = if random.random_bool(0.1) { 300 } else { 0 };
+            (slope + dot + random.random_range(0..8)) as u16
+        };
+        let samples: Vec<u16> = (0..size.0 * size.1)
+            .map(|pixel| dots(&mut random, pixel).min(1023))
+            .collect();
+        let frame = little_endian(&samples);
+        let payload = color_payload(format, size, &frame)?;
+        let name = format!("color-infrared10-{}x{}", size.0, size.1);
+        let describes = "a slope over all 10 bits, dots and noise";
+        let both = (payload.as_slice(), Some(frame.as_slice()));
+        vectors.add(&name, "infrared10", size, None, both, describes)?;
+    }
+    let noise: Vec<u16> = (0..20 * 15).map(|_| random.random()).collect();
+    let noise = little_endian(&noise);
+    let payload = color_payload(format, (20, 15), &noise)?;
+    let describes = "16 bits of noise, which no camera sends and a reader keeps: stored raw";
+    let both = (payload.as_slice(), Some(noise.as_slice()));
+    let name = "color-infrared10-noise";
+    vectors.add(name, "infrared10", (20, 15), None, both, describes)
 }
 
 fn with_head(head: &[u8], content: &[u8]) -> Result<Vec<u8>, Box<dyn Error>> {

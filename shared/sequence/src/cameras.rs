@@ -197,6 +197,8 @@ pub enum ColorEncoding {
     Yuyv,
     /// Three channels, lossless.
     Rgb8,
+    /// No colour: brightness in infrared as the depth camera sees it, 0 to 1023 in two bytes, lossless.
+    Infrared10,
 }
 
 impl ColorEncoding {
@@ -208,6 +210,7 @@ impl ColorEncoding {
             Self::Uyvy => "uyvy",
             Self::Yuyv => "yuyv",
             Self::Rgb8 => "rgb8",
+            Self::Infrared10 => "infrared10",
         }
     }
 
@@ -219,6 +222,7 @@ impl ColorEncoding {
             Self::Uyvy => Some(ColorFormat::Uyvy),
             Self::Yuyv => Some(ColorFormat::Yuyv),
             Self::Rgb8 => Some(ColorFormat::Rgb8),
+            Self::Infrared10 => Some(ColorFormat::Infrared10),
         }
     }
 }
@@ -399,7 +403,7 @@ impl ColorCamera {
     /// with chroma at the left pixel, as webcams and the PrimeSense firmware send it.
     ///
     /// # Errors
-    /// [`SequenceError::YuvWord`] for YUV that this version cannot develop.
+    /// [`SequenceError::YuvWord`] for YUV that this version cannot develop, [`SequenceError::NoColors`] for infrared.
     pub fn layout(&self) -> Result<ColorLayout, SequenceError> {
         let coding = || match &self.yuv {
             Some(meaning) => meaning.coding(),
@@ -410,6 +414,7 @@ impl ColorCamera {
             ColorEncoding::BayerGrbg => ColorLayout::BayerGrbg,
             ColorEncoding::Uyvy => ColorLayout::Uyvy(coding()?),
             ColorEncoding::Yuyv => ColorLayout::Yuyv(coding()?),
+            ColorEncoding::Infrared10 => return Err(SequenceError::NoColors),
         })
     }
 

@@ -101,6 +101,9 @@ pub enum SequenceError {
         /// The words known.
         expected: &'static str,
     },
+    /// Infrared in place of colour, where colours are needed.
+    #[error("the recording has infrared and no colours")]
+    NoColors,
     /// A recording without a frame.
     #[error("there is no frame in this recording")]
     NoFrames,

@@ -18,9 +18,9 @@
 //!
 //! Map, from the bytes up: [`layout`] structures · [`checksum`] what ties them to one file · [`record`] what
 //! records hold · [`description`] and [`cameras`] streams and calibration · [`shift_table`] depth of
-//! shifts · [`codecs`] lossless depth and
-//! colour · [`file_layer`] calls to the disk · [`chunk_writer`] chunks in the right order · [`writer`] and
-//! [`encode`] a recording is written · [`copy`] repair and excerpts · [`source`] bytes by map or `pread` · [`scan`] from chunk to chunk around
+//! shifts · [`codecs`] lossless depth and colour · [`infrared`] in place of colour · [`file_layer`] calls to
+//! the disk · [`chunk_writer`] chunks in the right order · [`writer`] and [`encode`] a recording is written ·
+//! [`copy`] repair and excerpts · [`source`] bytes by map or `pread` · [`scan`] from chunk to chunk around
 //! damage · [`contents`] everything but images · [`recording`] frames by index and time · [`follow`] a file that
 //! grows · [`summary`] and [`verify`] what it holds and what it lacks · [`split`] training,
 //! unused, test · [`clock`] device and host time · [`pairing`] depth with colour · [`error`] what is refused;
@@ -43,6 +43,7 @@ pub mod encode;
 pub mod error;
 pub mod file_layer;
 pub mod follow;
+pub mod infrared;
 pub mod layout;
 mod losses;
 mod map;
@@ -68,6 +69,7 @@ pub use checksum::FileId;
 pub use contents::Contents;
 pub use description::{COLOR_STREAM, Created, DEPTH_STREAM, Description};
 pub use error::SequenceError;
+pub use infrared::{MAX_INFRARED, infrared_grey, infrared_samples};
 pub use record::{
     Event, FramePose, FrameTimes, Gap, GapCause, Gravity, Histogram, Note, PoseState,
 };

@@ -13,6 +13,7 @@ use crate::contents::{Contents, StoredPoses};
 use crate::decode::StreamDecoders;
 use crate::description::Description;
 use crate::error::SequenceError;
+use crate::infrared::infrared_grey;
 use crate::layout::{FrameHeader, RecordHeader};
 use crate::map::LockedMap;
 use crate::pairing::{Pair, pair_by_time};
@@ -211,7 +212,7 @@ impl Recording {
     }
 
     /// Colour codes of pair `index`, red, green, blue: those of the payload, or of a mosaic and of YUV what
-    /// [`develop::codes`] makes of it.
+    /// [`develop::codes`] makes of it; of infrared the grey of [`infrared_grey`].
     pub fn color(&self, index: usize) -> Result<Rgb8Image, SequenceError> {
         let place = self.color_place(index)?;
         self.color_codes(place)
@@ -229,6 +230,9 @@ impl Recording {
             return Ok(codes);
         }
         let frame = self.decode(|decoders| decoders.color(payload))?;
+        if camera.encoding == ColorEncoding::Infrared10 {
+            return Ok(infrared_grey(&frame, width, height)?);
+        }
         let layout = camera.layout()?;
         Ok(develop::codes(
             &camera.response(),
@@ -257,7 +261,7 @@ impl Recording {
         match self.color_camera().encoding {
             ColorEncoding::Jpeg => jpeg_is_subsampled(self.color_bytes(index)?)
                 .map_err(|error| self.blame(error.into(), "color", index)),
-            ColorEncoding::Rgb8 => Ok(false),
+            ColorEncoding::Rgb8 | ColorEncoding::Infrared10 => Ok(false),
             ColorEncoding::BayerGrbg | ColorEncoding::Uyvy | ColorEncoding::Yuyv => Ok(true),
         }
     }

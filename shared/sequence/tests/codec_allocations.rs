@@ -78,7 +78,12 @@ fn a_warm_codec_allocates_nothing_per_frame() {
     assert_eq!(count, 0, "allocations of 14 warm depth frames");
     assert!(new_table_count > 1, "the table was extended meanwhile");
 
-    for format in [ColorFormat::BayerGrbg, ColorFormat::Uyvy, ColorFormat::Rgb8] {
+    for format in [
+        ColorFormat::BayerGrbg,
+        ColorFormat::Uyvy,
+        ColorFormat::Rgb8,
+        ColorFormat::Infrared10,
+    ] {
         let bytes = format.frame_bytes(width, height).unwrap();
         let frame: Vec<u8> = (0..bytes).map(|index| (index / 9) as u8).collect();
         let mut encoder = ColorEncoder::new(format, width, height).unwrap();

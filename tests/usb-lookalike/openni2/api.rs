@@ -17,6 +17,8 @@ const PROPERTY_REGISTRATION: c_int = 5;
 const PROPERTY_MIRRORING: c_int = 7;
 /// Format on the wire, of the driver of PrimeSense cameras; a 64-bit number.
 const PROPERTY_INPUT_FORMAT: c_int = 0x1080_0001;
+/// Of the PS1080 driver: `XN_MODULE_PROPERTY_EMITTER_STATE`.
+const PROPERTY_EMITTER: c_int = 0x1080_E007;
 
 type Opaque = *mut c_void;
 
@@ -182,6 +184,17 @@ impl Device {
             (self.api.set_device_property)(self.handle, PROPERTY_REGISTRATION, value, size)
         };
         self.api.check("register", status)
+    }
+
+    /// Switches the emitter off.
+    pub(crate) fn darken(&self) -> Result<(), String> {
+        let off: u64 = 0;
+        let size = size_of::<u64>() as c_int;
+        let value = (&raw const off).cast();
+        // SAFETY: the device is open; the value has the size that is said.
+        let status =
+            unsafe { (self.api.set_device_property)(self.handle, PROPERTY_EMITTER, value, size) };
+        self.api.check("darken", status)
     }
 
     pub(crate) fn synchronise(&self) -> Result<(), String> {

@@ -3,8 +3,8 @@
 //! `openni2-stream FRAMES OUT STREAM...` with STREAM = `SENSOR:INPUT:PIXELS:WIDTH:HEIGHT:FPS`, numbers as OpenNI2 has
 //! them (sensor 1 infrared, 2 colour, 3 depth; INPUT the format on the wire). Depth and colour together are asked to be
 //! synchronous. Mirroring is off. First of all may stand `--register`: the camera is asked to register depth to colour; and
-//! `--close`: streams are stopped and the device is closed, which takes that driver a second for each. Exit code 3: there
-//! is no OpenNI2.
+//! `--close`: streams are stopped and the device is closed, which takes that driver a second for each; and `--dark`: the
+//! emitter is switched off once all streams run. Exit code 3: there is no OpenNI2.
 
 mod api;
 
@@ -21,7 +21,8 @@ fn main() -> ExitCode {
         place.map(|place| arguments.remove(place)).is_some()
     };
     let (does_close, registers) = (is_asked("--close"), is_asked("--register"));
-    match run(&arguments, does_close, registers) {
+    let is_dark = is_asked("--dark");
+    match run(&arguments, does_close, registers, is_dark) {
         Ok(code) => ExitCode::from(code),
         Err(error) => {
             eprintln!("openni2-stream: {error}");
@@ -30,7 +31,12 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(arguments: &[String], does_close: bool, registers: bool) -> Result<u8, String> {
+fn run(
+    arguments: &[String],
+    does_close: bool,
+    registers: bool,
+    is_dark: bool,
+) -> Result<u8, String> {
     let [count, out, streams @ ..] = arguments else {
         return Err("FRAMES OUT STREAM...".to_owned());
     };
@@ -56,6 +62,9 @@ fn run(arguments: &[String], does_close: bool, registers: bool) -> Result<u8, St
     }
     for stream in &streams {
         stream.start()?;
+    }
+    if is_dark {
+        device.darken()?;
     }
     read(&streams, &requests, count, &mut out)?;
     out.flush().map_err(|error| error.to_string())?;

@@ -7,7 +7,8 @@ use ps1080::stream::StreamKind;
 use serde_json::{Value, json};
 use virtual_carmine::VirtualCarmine;
 
-/// One camera's counters, the frames that were delivered whole (number on the film, stamp), its parameters.
+/// One camera's counters, the frames that were delivered whole (number on the film, stamp), its parameters, whether its
+/// emitter is on.
 pub(crate) fn camera(camera: &VirtualCarmine, unplugged_nanos: Option<i64>) -> Value {
     let delivered = |stream| -> Vec<Value> {
         let frames = camera.delivered(stream).iter();
@@ -24,6 +25,7 @@ pub(crate) fn camera(camera: &VirtualCarmine, unplugged_nanos: Option<i64>) -> V
         "depth_delivered": delivered(StreamKind::Depth),
         "image_delivered": delivered(StreamKind::Image),
         "parameters": parameters,
+        "is_lit": camera.is_lit(),
         "is_gone": camera.is_gone(),
         "unplugged_nanos": unplugged_nanos,
     })

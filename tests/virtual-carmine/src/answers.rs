@@ -98,10 +98,11 @@ impl Memory {
                 data[..length].to_vec()
             }
             Request::GetUsbCoreType => word(self.unit.usb_core.ok_or(Nack::InvalidCommand)?),
-            Request::KeepAlive
-            | Request::GetLog
-            | Request::SetLedState { .. }
-            | Request::EnableEmitter { .. } => Vec::new(),
+            Request::EnableEmitter { on } => {
+                self.settings.light(on)?;
+                return Ok((Vec::new(), Effect::Streams));
+            }
+            Request::KeepAlive | Request::GetLog | Request::SetLedState { .. } => Vec::new(),
         };
         Ok((data, Effect::None))
     }
@@ -180,7 +181,7 @@ impl Memory {
         let mode = CameraMode::from_code(mode).ok_or(Nack::BadParameters)?;
         match mode {
             CameraMode::SoftReset => {
-                self.settings = Settings::new();
+                self.settings.reset();
                 Ok((Vec::new(), Effect::Streams))
             }
             CameraMode::Reboot => {

@@ -207,6 +207,11 @@ impl VirtualCarmine {
         self.memory.settings.get(parameter)
     }
 
+    /// Whether the emitter is on.
+    pub fn is_lit(&self) -> bool {
+        self.memory.settings.is_lit()
+    }
+
     /// How the endpoints of the active setting work.
     pub fn transfer_kind(&self) -> Option<TransferKind> {
         self.endpoint_kinds().map(|kinds| kinds.kind)

@@ -29,8 +29,14 @@ pub trait Film: Send {
         codes: &mut [u16],
     ) -> bool;
 
-    /// Brightness, 0 to 1023, row by row.
-    fn infrared(&mut self, index: u64, resolution: Resolution, samples: &mut [u16]) -> bool;
+    /// Brightness, 0 to 1023, row by row; `is_lit`: with the dots of the emitter.
+    fn infrared(
+        &mut self,
+        index: u64,
+        resolution: Resolution,
+        is_lit: bool,
+        samples: &mut [u16],
+    ) -> bool;
 
     /// Colour; `frame` is empty and gets the bytes.
     fn color(

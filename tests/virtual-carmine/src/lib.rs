@@ -38,7 +38,8 @@
 //! and [`RecordingFilm`] · [`Counters`] what it says of itself.
 //!
 //! Guessed, since no description of a real camera says it: sizes of the FIFO and of isochronous packets, that a transfer
-//! ends with the frame when nothing is left to send, columns of a mirrored mosaic, addresses of the sensors. Not there:
+//! ends with the frame when nothing is left to send, columns of a mirrored mosaic, addresses of the sensors,
+//! that a reset leaves the emitter as it is, that depth goes on without any sample while the emitter is off. Not there:
 //! cropping (refused), sound, files in the flash (unknown requests), JPEG but from recordings.
 //!
 //! Invariants: the same calls at the same times give the same bytes; frames are made by deadline whether or not anybody

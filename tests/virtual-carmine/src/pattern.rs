@@ -58,11 +58,27 @@ impl TestPattern {
         (NEAR_SHIFT + slope + step + jump + noise % 7 + 5 * u32::from(registered)) as u16
     }
 
-    /// The brightness at column `x` and row `y`, 0 to 1023.
+    /// The brightness at column `x` and row `y`, 0 to 1023, with the dots of the emitter.
     pub fn infrared_sample(&self, index: u64, x: u32, y: u32) -> u16 {
+        self.brightness(index, x, y, true)
+    }
+
+    /// The same while the emitter is off.
+    pub fn unlit_infrared_sample(&self, index: u64, x: u32, y: u32) -> u16 {
+        self.brightness(index, x, y, false)
+    }
+
+    fn brightness(&self, index: u64, x: u32, y: u32, is_lit: bool) -> u16 {
         let frame = index % self.cycle;
+        if (x, y) == (0, 0) {
+            return frame as u16;
+        }
         let noise = self.noise(frame, x, y, 1);
-        let dot = if noise.is_multiple_of(9) { 700 } else { 40 };
+        let dot = if is_lit && noise.is_multiple_of(9) {
+            700
+        } else {
+            40
+        };
         ((dot + x / 4 + y / 8 + frame as u32 + noise % 16) % 1024) as u16
     }
 
@@ -119,9 +135,15 @@ impl Film for TestPattern {
         true
     }
 
-    fn infrared(&mut self, index: u64, resolution: Resolution, samples: &mut [u16]) -> bool {
+    fn infrared(
+        &mut self,
+        index: u64,
+        resolution: Resolution,
+        is_lit: bool,
+        samples: &mut [u16],
+    ) -> bool {
         for_each_place(resolution, samples, |x, y| {
-            self.infrared_sample(index, x, y)
+            self.brightness(index, x, y, is_lit)
         });
         true
     }

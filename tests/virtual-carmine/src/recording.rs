@@ -4,7 +4,7 @@ use std::path::Path;
 
 use ps1080::mode::Resolution;
 use sequence::cameras::{ColorEncoding, DepthSamples};
-use sequence::{Recording, SequenceError};
+use sequence::{MAX_INFRARED, Recording, SequenceError, infrared_samples};
 
 use crate::film::{ColorLayout, Film};
 
@@ -68,8 +68,32 @@ impl Film for RecordingFilm {
         has_size
     }
 
-    fn infrared(&mut self, _index: u64, _resolution: Resolution, _samples: &mut [u16]) -> bool {
-        false
+    fn infrared(
+        &mut self,
+        index: u64,
+        resolution: Resolution,
+        _is_lit: bool,
+        samples: &mut [u16],
+    ) -> bool {
+        let (width, height) = resolution.size();
+        let (width, height) = (width.into(), height.into());
+        let camera = self.recording.color_camera();
+        let size = (camera.intrinsics.width(), camera.intrinsics.height());
+        if camera.encoding != ColorEncoding::Infrared10 || size != (width, height) {
+            return false;
+        }
+        let frame = self.recording.color_raw(self.pair(index));
+        let image = frame
+            .ok()
+            .and_then(|frame| infrared_samples(&frame, width, height).ok());
+        let Some(image) = image else {
+            return false;
+        };
+        samples
+            .iter_mut()
+            .zip(image.pixels())
+            .for_each(|(place, sample)| *place = (*sample).min(MAX_INFRARED));
+        true
     }
 
     fn color(

@@ -40,6 +40,8 @@ const DEFAULTS: [(Parameter, u16); 17] = [
 #[derive(Clone, Debug)]
 pub(crate) struct Settings {
     values: [u16; PARAMETER_COUNT],
+    /// The emitter, which no parameter switches.
+    is_lit: bool,
 }
 
 impl Settings {
@@ -49,7 +51,33 @@ impl Settings {
             values[parameter as usize] = value;
         }
         values[usize::from(FILE_SYSTEM_LOCK)] = 1;
-        Self { values }
+        Self {
+            values,
+            is_lit: true,
+        }
+    }
+
+    /// As after plugging in, but for the emitter: whether a reset lights it nobody has seen, and a host must not rely on
+    /// it.
+    pub(crate) fn reset(&mut self) {
+        *self = Self {
+            is_lit: self.is_lit,
+            ..Self::new()
+        };
+    }
+
+    pub(crate) fn is_lit(&self) -> bool {
+        self.is_lit
+    }
+
+    /// Switches the emitter.
+    pub(crate) fn light(&mut self, on: u16) -> Result<(), Nack> {
+        self.is_lit = match on {
+            0 => false,
+            1 => true,
+            _ => return Err(Nack::BadParameters),
+        };
+        Ok(())
     }
 
     pub(crate) fn get(&self, parameter: Parameter) -> u16 {
@@ -186,6 +214,7 @@ impl Settings {
             is_registered,
             before: padding.before,
             after: padding.after,
+            is_lit: self.is_lit,
         };
         Some((shot, u32::from(self.get(Parameter::DepthFps))))
     }
@@ -195,7 +224,7 @@ impl Settings {
         if self.image_mode() == StreamMode::Infrared as u16 {
             let resolution = Resolution::from_code(self.get(Parameter::InfraredResolution))?;
             let rows = InfraredRows::of(unit.fixed.depth_sensor(), resolution);
-            let shot = Shot::infrared(resolution, rows);
+            let shot = Shot::infrared(resolution, rows, self.is_lit);
             return Some((shot, u32::from(self.get(Parameter::InfraredFps))));
         }
         let shot = Shot::Color {

@@ -2,7 +2,7 @@
 
 use ps1080::color::{ColorFormat, encode_color};
 use ps1080::mode::Resolution;
-use ps1080::samples::{InfraredRows, SampleFormat, encode_samples};
+use ps1080::samples::{InfraredRows, NO_SHIFT, SampleFormat, encode_samples};
 use ps1080::stream::Padding;
 
 use crate::faults::Deviation;
@@ -18,10 +18,14 @@ pub(crate) enum Shot {
         is_registered: bool,
         before: u16,
         after: u16,
+        /// The emitter is on.
+        is_lit: bool,
     },
     Infrared {
         resolution: Resolution,
         rows: u16,
+        /// The emitter is on.
+        is_lit: bool,
     },
     Color {
         format: ColorFormat,
@@ -31,10 +35,11 @@ pub(crate) enum Shot {
 }
 
 impl Shot {
-    pub(crate) fn infrared(resolution: Resolution, rows: InfraredRows) -> Self {
+    pub(crate) fn infrared(resolution: Resolution, rows: InfraredRows, is_lit: bool) -> Self {
         Self::Infrared {
             resolution,
             rows: rows.sent,
+            is_lit,
         }
     }
 
@@ -68,7 +73,11 @@ impl Shot {
                 }
                 Some(payload)
             }
-            Self::Infrared { resolution, rows } => infrared(film, index, resolution, rows),
+            Self::Infrared {
+                resolution,
+                rows,
+                is_lit,
+            } => infrared(film, index, resolution, rows, is_lit),
             Self::Color {
                 format,
                 resolution,
@@ -85,6 +94,7 @@ impl Shot {
             is_registered,
             before,
             after,
+            is_lit,
         } = self
         else {
             return None;
@@ -94,6 +104,9 @@ impl Shot {
         let mut codes = vec![0; width * height];
         if !film.depth(index, resolution, is_registered, &mut codes) {
             return None;
+        }
+        if !is_lit {
+            codes.fill(NO_SHIFT);
         }
         for row in codes.chunks_mut(width) {
             if is_mirrored {
@@ -109,11 +122,17 @@ impl Shot {
     }
 }
 
-fn infrared(film: &mut dyn Film, index: u64, resolution: Resolution, rows: u16) -> Option<Vec<u8>> {
+fn infrared(
+    film: &mut dyn Film,
+    index: u64,
+    resolution: Resolution,
+    rows: u16,
+    is_lit: bool,
+) -> Option<Vec<u8>> {
     let (width, height) = resolution.size();
     let count = usize::from(width) * usize::from(height);
     let mut samples = vec![0; count];
-    if !film.infrared(index, resolution, &mut samples) {
+    if !film.infrared(index, resolution, is_lit, &mut samples) {
         return None;
     }
     // Rows below the picture carry nothing; a sensor with fewer rows sends fewer.

@@ -14,7 +14,7 @@ use crate::run_folder::RunFolder;
 use crate::stages::linear::{DiffuseOrder, MAP_HEIGHTS, SRM_HEIGHT};
 use crate::stages::object::WorldBox;
 use crate::stages::poses::{REFINED, default_set};
-use crate::train::{TrainConfig, explain, train_paced};
+use crate::train::{TrainConfig, explain, require_colors, train_paced};
 
 /// A point on the line from fast to accurate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -93,6 +93,7 @@ pub(super) fn run(
     let Profile::Draft = args.profile;
     // The recording is looked at before the folder is touched.
     let recording = sequence::Recording::open(&args.recording)?;
+    require_colors(&recording)?;
     let poses = args.poses.clone();
     let poses = poses.unwrap_or_else(|| default_set(&recording).to_owned());
     let target = match args.budget {

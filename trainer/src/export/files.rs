@@ -7,7 +7,9 @@ use imaging::{Image, encode_png_gray16, encode_png_rgb8};
 use rayon::prelude::*;
 use sequence::record::RecordKind;
 use sequence::scan::{Damage, RecordPlace};
-use sequence::{ColorEncoding, DepthSamples, FrameTimes, Recording, SequenceError, Streams};
+use sequence::{
+    ColorEncoding, DepthSamples, FrameTimes, Recording, SequenceError, Streams, infrared_samples,
+};
 
 use super::OnProgress;
 
@@ -98,7 +100,10 @@ impl<'a> FrameFiles<'a> {
     pub(crate) fn extension(&self, kind: StreamKind) -> &'static str {
         match (kind, self.recording.color_camera().encoding) {
             _ if self.is_color_converted() => "png",
-            (StreamKind::Depth, _) | (_, ColorEncoding::Rgb8 | ColorEncoding::BayerGrbg) => "png",
+            (StreamKind::Depth, _)
+            | (_, ColorEncoding::Rgb8 | ColorEncoding::BayerGrbg | ColorEncoding::Infrared10) => {
+                "png"
+            }
             (_, ColorEncoding::Jpeg) => "jpg",
             (_, ColorEncoding::Uyvy | ColorEncoding::Yuyv) => "yuv",
         }
@@ -151,6 +156,9 @@ impl<'a> FrameFiles<'a> {
                 let pixels = frame.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
                 Ok(encode_png_rgb8(&Image::from_vec(width, height, pixels)?)?)
             }
+            ColorEncoding::Infrared10 => Ok(encode_png_gray16(&infrared_samples(
+                &frame, width, height,
+            )?)?),
             ColorEncoding::BayerGrbg => {
                 let mut bytes = Vec::new();
                 PngEncoder::new(&mut bytes)

@@ -114,6 +114,9 @@ impl Readme {
                 ColorEncoding::BayerGrbg => {
                     "colour: PNG of 8 bits, developed: the recording's Bayer mosaic interpolated in linear radiance and encoded by the camera's own response again; of each pixel one channel is the sensor's sample, two are interpolated; saturation spreads by 2 pixels (`--to folder` writes the mosaic as it is)"
                 }
+                ColorEncoding::Infrared10 => {
+                    "colour: none; PNG of 8 bits with three equal channels: infrared as the depth camera sees it, the upper 8 of 10 bits (`--to folder` writes all of them)"
+                }
                 _ => {
                     "colour: PNG of 8 bits, developed: red, green, blue of the recording's YUV 4:2:2, chroma interpolated, clamped to 0 to 255 (`--to folder` writes the samples as they are)"
                 }
@@ -124,6 +127,9 @@ impl Readme {
             }
             _ if files.encoding() == ColorEncoding::Rgb8 => {
                 "colour: PNG, the samples of the recording"
+            }
+            _ if files.encoding() == ColorEncoding::Infrared10 => {
+                "colour: none; infrared as the depth camera sees it, 0 to 1023 as PNG of 16 bits grey"
             }
             _ => "colour: the raw Bayer mosaic (green red / blue green) as PNG of 8 bits grey",
         };

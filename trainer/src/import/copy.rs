@@ -60,6 +60,12 @@ fn color_frame(path: &Path, file: Vec<u8>, streams: &Streams) -> Result<Vec<u8>,
             require_size(path, "color", &mosaic, camera)?;
             Ok(mosaic.pixels().to_vec())
         }
+        ColorEncoding::Infrared10 => {
+            let infrared = decode_png_gray16(&file).map_err(unfit)?;
+            require_size(path, "color", &infrared, camera)?;
+            let samples = infrared.pixels().iter();
+            Ok(samples.flat_map(|sample| sample.to_le_bytes()).collect())
+        }
         ColorEncoding::Uyvy | ColorEncoding::Yuyv => {
             // 16384 pixels a side at most: in range.
             let expected = 2 * camera.width() as usize * camera.height() as usize;

@@ -342,7 +342,7 @@ fn recognise(folder: &Path) -> Result<ImportFormat, ImportError> {
 fn require_encoding(source: &Source, encoding: ColorEncoding) -> Result<(), ImportError> {
     let expected = match encoding {
         ColorEncoding::Jpeg => "jpeg",
-        ColorEncoding::Rgb8 | ColorEncoding::BayerGrbg => "png",
+        ColorEncoding::Rgb8 | ColorEncoding::BayerGrbg | ColorEncoding::Infrared10 => "png",
         ColorEncoding::Uyvy | ColorEncoding::Yuyv => "yuv",
     };
     for image in &source.color {

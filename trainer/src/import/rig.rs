@@ -107,6 +107,8 @@ pub(super) enum ColorFileFormat {
     Uyvy,
     /// The same as Y U Y V.
     Yuyv,
+    /// No colour: infrared as the depth camera sees it, 0 to 1023 as PNG of 16 bits grey.
+    Infrared10,
 }
 
 impl ColorFileFormat {
@@ -118,6 +120,7 @@ impl ColorFileFormat {
             Self::BayerGrbg => ColorEncoding::BayerGrbg,
             Self::Uyvy => ColorEncoding::Uyvy,
             Self::Yuyv => ColorEncoding::Yuyv,
+            Self::Infrared10 => ColorEncoding::Infrared10,
         }
     }
 
@@ -129,6 +132,7 @@ impl ColorFileFormat {
             ColorEncoding::BayerGrbg => Self::BayerGrbg,
             ColorEncoding::Uyvy => Self::Uyvy,
             ColorEncoding::Yuyv => Self::Yuyv,
+            ColorEncoding::Infrared10 => Self::Infrared10,
         }
     }
 }

@@ -214,7 +214,11 @@ impl<'a> FrameLoader<'a> {
                     out.pixels_mut(),
                 )?;
             }
-            ColorEncoding::BayerGrbg | ColorEncoding::Uyvy | ColorEncoding::Yuyv => {
+            // Of infrared there is no developer.
+            ColorEncoding::BayerGrbg
+            | ColorEncoding::Uyvy
+            | ColorEncoding::Yuyv
+            | ColorEncoding::Infrared10 => {
                 let frame = self.recording.color_raw(index)?;
                 scratch
                     .developer

@@ -172,7 +172,11 @@ impl ColorView {
                 let is_subsampled = recording.color_is_subsampled(index)?;
                 self.corrector.correct(&codes, is_subsampled)
             }
-            ColorEncoding::BayerGrbg | ColorEncoding::Uyvy | ColorEncoding::Yuyv => {
+            // Of infrared the layout is refused.
+            ColorEncoding::BayerGrbg
+            | ColorEncoding::Uyvy
+            | ColorEncoding::Yuyv
+            | ColorEncoding::Infrared10 => {
                 let frame = recording.color_raw(index)?;
                 develop::radiance(&self.corrector, camera.layout()?, &frame, false)?
             }

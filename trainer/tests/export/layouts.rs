@@ -184,6 +184,32 @@ fn raw_colour_is_written_as_it_is_by_the_folder_and_developed_by_the_others() {
 }
 
 #[test]
+fn infrared_is_written_whole_by_the_folder_and_as_grey_by_the_others() {
+    let encoding = ColorEncoding::Infrared10;
+    let made = Made::new(encoding);
+    let frame = color(4, encoding);
+    made.export(ExportTarget::Folder, "folder");
+    let png = made.read("folder/frames/000003.color.png");
+    let written = imaging::decode_png_gray16(&png).unwrap();
+    let samples = written.pixels().iter();
+    let bytes: Vec<u8> = samples.flat_map(|sample| sample.to_le_bytes()).collect();
+    assert_eq!(bytes, frame);
+    assert!(made.text("folder/rig.toml").contains("\"infrared10\""));
+    assert!(made.text("folder/README.txt").contains("0 to 1023"));
+    made.export(ExportTarget::SevenScenes, "scenes");
+    let png = made.read("scenes/frame-000003.color.png");
+    let grey = imaging::decode_png_rgb8(&png).unwrap();
+    let expected: Vec<[u8; 3]> = written
+        .pixels()
+        .iter()
+        .map(|s| [(s / 4) as u8; 3])
+        .collect();
+    assert_eq!(grey.pixels(), expected);
+    assert!(made.text("scenes/README.txt").contains("infrared"));
+    assert_eq!(made.import("scenes").color(3).unwrap(), grey);
+}
+
+#[test]
 fn shifts_become_millimetres_by_the_table_of_the_device() {
     let made = Made::with(streams_of_shifts());
     for (target, name) in FOLDERS {

@@ -218,6 +218,10 @@ pub(crate) fn color(number: u64, encoding: ColorEncoding) -> Vec<u8> {
         }
         ColorEncoding::BayerGrbg => noise(number, width * height),
         ColorEncoding::Uyvy | ColorEncoding::Yuyv => noise(number, 2 * width * height),
+        ColorEncoding::Infrared10 => noise(number, 2 * width * height)
+            .chunks_exact(2)
+            .flat_map(|bytes| [bytes[0], bytes[1] & 3])
+            .collect(),
     }
 }
 

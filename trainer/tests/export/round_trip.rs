@@ -13,12 +13,13 @@ use sequence::{
 
 use crate::made::{LOST, Made, import_folder};
 
-const ENCODINGS: [ColorEncoding; 5] = [
+const ENCODINGS: [ColorEncoding; 6] = [
     ColorEncoding::Jpeg,
     ColorEncoding::Rgb8,
     ColorEncoding::BayerGrbg,
     ColorEncoding::Uyvy,
     ColorEncoding::Yuyv,
+    ColorEncoding::Infrared10,
 ];
 
 /// Metres and quaternions: rounding of the last bits.

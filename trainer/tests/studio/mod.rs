@@ -378,7 +378,9 @@ fn sent_as(image: &Image<[u8; 3]>, encoding: ColorEncoding) -> Vec<u8> {
                 [at(x)[0].round() as u8, mean.round() as u8]
             })
             .collect(),
-        ColorEncoding::Jpeg | ColorEncoding::Uyvy => panic!("the studio has no such camera"),
+        ColorEncoding::Jpeg | ColorEncoding::Uyvy | ColorEncoding::Infrared10 => {
+            panic!("the studio has no such camera")
+        }
     }
 }
 

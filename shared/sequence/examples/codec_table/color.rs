@@ -47,7 +47,7 @@ pub(crate) fn print(data: &Path) -> Result<(), Failure> {
                 ffv1::print_row("gray", &planes, width, height)?;
             }
             ColorFormat::Rgb8 => ffv1::print_row("bgr0", &bgr0(&rgb), width, height)?,
-            ColorFormat::Uyvy | ColorFormat::Yuyv => {}
+            ColorFormat::Uyvy | ColorFormat::Yuyv | ColorFormat::Infrared10 => {}
         }
     }
     Ok(())

@@ -106,6 +106,7 @@ fn main() -> Outcome {
     damage::of_length(&mut vectors)?;
     foreign::bytes(&mut vectors)?;
     foreign::claims(&mut vectors)?;
+    infrared(&mut vectors)?;
     let index = serde_json::to_string_pretty(&vectors.index)?;
     std::fs::write(vectors.folder.join("index.json"), index + "\n")?;
     println!("{} vectors", vectors.index.len());
@@ -162,6 +163,17 @@ fn formats(vectors: &mut Vectors) -> Outcome {
         },
         "colour as JPEG files, kept byte for byte",
     )
+}
+
+/// Infrared in place of colour. It came later: the vectors before it keep their places.
+fn infrared(vectors: &mut Vectors) -> Outcome {
+    let scene = Scene {
+        samples: DepthSamples::Codes,
+        encoding: ColorEncoding::Infrared10,
+        seal_after: Vec::new(),
+        ..Scene::default()
+    };
+    vectors.whole("infrared", &scene, "depth in codes; infrared of 10 bits")
 }
 
 /// A split with a key of a later version; that it is the only one does not matter to a reader.

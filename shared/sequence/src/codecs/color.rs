@@ -22,6 +22,8 @@ pub enum ColorFormat {
     Yuyv,
     /// Three bytes a pixel, R G B.
     Rgb8,
+    /// Brightness in infrared: two bytes a pixel, little-endian, 0 to 1023.
+    Infrared10,
 }
 
 impl ColorFormat {
@@ -34,7 +36,7 @@ impl ColorFormat {
         match self {
             Self::BayerGrbg => Ok(pixels),
             Self::Uyvy | Self::Yuyv if width % 2 == 1 => Err(CodecError::Size { width, height }),
-            Self::Uyvy | Self::Yuyv => Ok(2 * pixels),
+            Self::Uyvy | Self::Yuyv | Self::Infrared10 => Ok(2 * pixels),
             Self::Rgb8 => Ok(3 * pixels),
         }
     }
@@ -76,6 +78,9 @@ impl ColorFormat {
                 };
                 vec![channel(1), less_green(0), less_green(2)]
             }
+            Self::Infrared10 => [0, 1]
+                .map(|byte| plane(byte, 2, 2 * width, width, height))
+                .to_vec(),
         }
     }
 }

@@ -8,11 +8,12 @@ use sequence::codecs::{
 };
 
 pub(crate) const BOTH: [DepthCodec; 2] = [DepthCodec::Fast, DepthCodec::Dense];
-pub(crate) const FORMATS: [ColorFormat; 4] = [
+pub(crate) const FORMATS: [ColorFormat; 5] = [
     ColorFormat::BayerGrbg,
     ColorFormat::Uyvy,
     ColorFormat::Yuyv,
     ColorFormat::Rgb8,
+    ColorFormat::Infrared10,
 ];
 
 /// A depth frame.

@@ -34,6 +34,7 @@ fn every_vector_decodes_to_its_frame_or_is_refused() {
             "uyvy" => Some(ColorFormat::Uyvy),
             "yuyv" => Some(ColorFormat::Yuyv),
             "rgb8" => Some(ColorFormat::Rgb8),
+            "infrared10" => Some(ColorFormat::Infrared10),
             other => panic!("{}: format {other}", vector.name),
         };
         let decoded = if let Some(format) = format {

@@ -84,6 +84,17 @@ pub(crate) fn infrared(pattern: &TestPattern, index: u64, width: u32, height: u3
     words(width, height, |x, y| pattern.infrared_sample(index, x, y))
 }
 
+pub(crate) fn unlit_infrared(
+    pattern: &TestPattern,
+    index: u64,
+    width: u32,
+    height: u32,
+) -> Vec<u8> {
+    words(width, height, |x, y| {
+        pattern.unlit_infrared_sample(index, x, y)
+    })
+}
+
 pub(crate) fn uyvy(pattern: &TestPattern, index: u64, width: u32, height: u32) -> Vec<u8> {
     bytes(2 * width, height, |column, y| {
         pattern.uyvy_byte(index, column, y)

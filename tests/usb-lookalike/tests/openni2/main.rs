@@ -8,7 +8,8 @@ mod stream;
 use std::path::Path;
 
 use expected::{
-    depth_mm, infrared, measured_shifts, mosaic, registered_shifts, rgb, shifts, uyvy, yuyv,
+    depth_mm, infrared, measured_shifts, mosaic, registered_shifts, rgb, shifts, unlit_infrared,
+    uyvy, yuyv,
 };
 use ps1080::samples::NO_SHIFT;
 use stream::{Frame, Outcome, Setting, stream};
@@ -78,6 +79,7 @@ fn of(personality: &'static str, streams: &[&'static str]) -> Setting {
         camera: String::new(),
         does_close: false,
         registers: false,
+        is_dark: false,
     }
 }
 
@@ -189,6 +191,46 @@ fn infrared_is_what_was_filmed() {
     let pattern = pattern();
     let setting = of("carmine-1.08", &["1:0:203:320:240:30"]);
     all_are_filmed(&setting, |index| infrared(&pattern, index, 320, 240));
+}
+
+#[test]
+fn the_emitter_goes_off_by_the_request_that_this_driver_sends() {
+    let pattern = pattern();
+    let setting = Setting {
+        frame_count: 8,
+        is_dark: true,
+        ..of("carmine-1.08", &["1:0:203:320:240:30"])
+    };
+    let Some(outcome) = run(&setting) else {
+        return;
+    };
+    let count = count_as_filmed(&outcome.frames, |index| {
+        unlit_infrared(&pattern, index, 320, 240)
+    });
+    // The first ones may have been taken before.
+    assert!(count >= 4, "{count}");
+}
+
+/// Our recordings of depth beside infrared have the constants that this driver converts by.
+#[test]
+fn depth_beside_infrared_is_converted_by_the_pattern_of_vga_at_qvga() {
+    let pattern = pattern();
+    let qvga = ["3:3:100:320:240:30", "1:0:203:320:240:30"];
+    let vga = ["3:3:100:640:480:30", "1:0:203:640:480:30"];
+    for (streams, width, height, factor) in [(qvga, 320, 240, 2.0), (vga, 640, 480, 1.0)] {
+        let setting = of("carmine-1.08", &streams);
+        let Some(outcome) = run(&setting) else {
+            return;
+        };
+        let count = count_as_filmed(&outcome.from(INFRARED), |index| {
+            infrared(&pattern, index, width, height)
+        });
+        assert_eq!(count, setting.frame_count, "infrared of {width} columns");
+        let count = count_as_filmed(&outcome.from(DEPTH), |index| {
+            depth_mm(&pattern, index, width, height, factor)
+        });
+        assert_eq!(count, setting.frame_count, "depth of {width} columns");
+    }
 }
 
 #[test]

@@ -28,6 +28,8 @@ pub(crate) struct Setting {
     pub(crate) does_close: bool,
     /// Whether the camera is asked to register depth to colour.
     pub(crate) registers: bool,
+    /// Whether the camera is asked to switch its emitter off.
+    pub(crate) is_dark: bool,
 }
 
 /// A frame as OpenNI2 decoded it.
@@ -72,6 +74,7 @@ pub(crate) fn stream(setting: &Setting) -> Option<Outcome> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_openni2-stream"));
     command.args(setting.does_close.then_some("--close"));
     command.args(setting.registers.then_some("--register"));
+    command.args(setting.is_dark.then_some("--dark"));
     let output = command
         .arg(setting.frame_count.to_string())
         .arg(path("frames"))

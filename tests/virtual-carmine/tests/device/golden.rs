@@ -69,7 +69,7 @@ impl Film for Example {
         true
     }
 
-    fn infrared(&mut self, _: u64, _: Resolution, samples: &mut [u16]) -> bool {
+    fn infrared(&mut self, _: u64, _: Resolution, _: bool, samples: &mut [u16]) -> bool {
         let row = [1, 2, 512, 1023];
         samples
             .iter_mut()

@@ -21,7 +21,7 @@ use crate::host::{Host, MILLISECOND, SEED, codes, frames};
 
 const PAIR_COUNT: u64 = 3;
 
-fn description(samples: DepthSamples) -> Description {
+fn description(samples: DepthSamples, encoding: ColorEncoding) -> Description {
     let intrinsics = Intrinsics::pinhole(320, 240, 285.0, 285.0, 159.5, 119.5).unwrap();
     let mut depth = DepthCamera::new(intrinsics, 0.001, 0.4..=4.0).unwrap();
     depth.samples = samples;
@@ -36,7 +36,7 @@ fn description(samples: DepthSamples) -> Description {
             depth,
             color: ColorCamera::new(
                 intrinsics,
-                ColorEncoding::BayerGrbg,
+                encoding,
                 1.0,
                 ResponseCurve::Identity,
                 VignettingCurve::None,
@@ -66,8 +66,15 @@ fn mosaic(number: u64) -> Vec<u8> {
         .collect()
 }
 
-fn write(path: &Path, samples: DepthSamples) {
-    let description = description(samples);
+fn infrared(number: u64) -> Vec<u16> {
+    let pattern = TestPattern::new(SEED);
+    let rows = 0..240;
+    rows.flat_map(|y| (0..320).map(move |x| pattern.infrared_sample(number, x, y)))
+        .collect()
+}
+
+fn write(path: &Path, samples: DepthSamples, encoding: ColorEncoding) {
+    let description = description(samples, encoding);
     let mut writer =
         RecordingWriter::create_beside(path, FileId(*b"a film of three!"), &description).unwrap();
     let mut depth = DepthStreamEncoder::new(&description.streams, DepthCodec::Fast).unwrap();
@@ -86,7 +93,13 @@ fn write(path: &Path, samples: DepthSamples) {
             writer.write_table(DEPTH_STREAM, &table).unwrap();
         }
         writer.write_frame(DEPTH_STREAM, &times, payload).unwrap();
-        let frame = mosaic(number);
+        let frame = match encoding {
+            ColorEncoding::Infrared10 => infrared(number)
+                .iter()
+                .flat_map(|sample| sample.to_le_bytes())
+                .collect(),
+            _ => mosaic(number),
+        };
         let payload = color.encode(&frame).unwrap();
         writer.write_frame(COLOR_STREAM, &times, payload).unwrap();
     }
@@ -97,7 +110,7 @@ fn write(path: &Path, samples: DepthSamples) {
 fn a_recording_is_played_round_and_round() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("film.glint");
-    write(&path, DepthSamples::Codes);
+    write(&path, DepthSamples::Codes, ColorEncoding::BayerGrbg);
     let film = Box::new(RecordingFilm::open(&path).unwrap());
     let unit = Personality::carmine_1_09();
     let mut host = Host::new(unit.clone(), Faults::default());
@@ -129,10 +142,33 @@ fn a_recording_is_played_round_and_round() {
 }
 
 #[test]
+fn a_recording_of_infrared_is_a_film_of_it_and_of_no_colour() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("film.glint");
+    write(&path, DepthSamples::Codes, ColorEncoding::Infrared10);
+    let film = Box::new(RecordingFilm::open(&path).unwrap());
+    let unit = Personality::carmine_1_09();
+    let mut host = Host::new(unit.clone(), Faults::default());
+    host.bus = Bus::new(VirtualCarmine::new(unit, film, Faults::default()));
+    host.refuses(Parameter::Stream0Mode, 1);
+    host.set(Parameter::Stream1Mode, 2);
+    host.set(Parameter::Stream0Mode, 3);
+    let transfers = host.transfers(&[0x81, 0x82], 300 * MILLISECOND);
+    let (frames, _) = frames(StreamKind::Image, 0x82, &transfers);
+    let delivered = host.bus.camera().delivered(StreamKind::Image);
+    assert!(frames.len() as u64 > 2 * PAIR_COUNT);
+    for (frame, made) in frames.iter().zip(delivered) {
+        // Rows below the picture come too.
+        let got = codes(SampleFormat::Packed10, 320 * 240, &frame.payload[..96_000]);
+        assert!(got == infrared(made.film_index % PAIR_COUNT));
+    }
+}
+
+#[test]
 fn depth_in_millimetres_is_no_film() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("film.glint");
-    write(&path, DepthSamples::Values);
+    write(&path, DepthSamples::Values, ColorEncoding::BayerGrbg);
     let opened = RecordingFilm::open(&path);
     assert!(matches!(opened.err(), Some(FilmError::NoShifts)));
 }

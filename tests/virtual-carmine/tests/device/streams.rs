@@ -1,8 +1,9 @@
 //! What is filmed arrives, when it should.
 
 use ps1080::color::{ColorDecoder, ColorFormat};
+use ps1080::host::{Nack, Request};
 use ps1080::parameter::Parameter;
-use ps1080::samples::{SampleFormat, encode_samples};
+use ps1080::samples::{SampleFormat, encode_samples, measured_shift};
 use ps1080::stream::StreamKind;
 use virtual_carmine::{Faults, Personality, TestPattern};
 
@@ -104,6 +105,47 @@ fn infrared_has_eight_rows_more_and_a_stamp_that_stands_without_depth() {
     let mut expected = vec![0; 96_000];
     encode_samples(SampleFormat::Packed10, &samples, 320, &mut expected).unwrap();
     assert!(alone[0].payload[..96_000] == expected);
+}
+
+#[test]
+fn without_its_emitter_nothing_is_measured_and_infrared_has_no_dots() {
+    let mut host = Host::new(Personality::carmine_1_09(), Faults::default());
+    let pattern = TestPattern::new(SEED);
+    host.set(Parameter::Stream1Mode, 2);
+    host.set(Parameter::Stream0Mode, 3);
+    for on in [0, 1] {
+        let switched = host.ask(Request::EnableEmitter { on });
+        assert!(switched.unwrap().is_ok());
+        let is_lit = on == 1;
+        assert_eq!(host.bus.camera().is_lit(), is_lit);
+        let transfers = host.transfers(&[0x81, 0x82], 300 * MILLISECOND);
+        let (depth, _) = frames(StreamKind::Depth, 0x81, &transfers);
+        let (infrared, _) = frames(StreamKind::Image, 0x82, &transfers);
+        let shifts = codes(
+            SampleFormat::Packed11,
+            PIXELS,
+            &depth.last().unwrap().payload,
+        );
+        let is_measured = shifts.iter().any(|&code| measured_shift(code).is_some());
+        assert_eq!(is_measured, is_lit);
+        let sent = &infrared.last().unwrap().payload[..96_000];
+        let shown = codes(SampleFormat::Packed10, PIXELS, sent);
+        let index = u64::from(shown[0]);
+        for (place, &got) in (0..).zip(&shown) {
+            let (x, y) = (place % 320, place / 320);
+            let expected = if is_lit {
+                pattern.infrared_sample(index, x, y)
+            } else {
+                pattern.unlit_infrared_sample(index, x, y)
+            };
+            assert_eq!(got, expected, "{x} {y}");
+        }
+    }
+    let neither = host.ask(Request::EnableEmitter { on: 2 });
+    assert_eq!(neither, Some(Err(Nack::BadParameters)));
+    let mut old = Host::new(Personality::firmware_5_4(), Faults::default());
+    let unknown = old.ask(Request::EnableEmitter { on: 0 });
+    assert_eq!(unknown, Some(Err(Nack::InvalidCommand)));
 }
 
 #[test]
