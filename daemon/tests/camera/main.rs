@@ -1,9 +1,9 @@
 //! The driver against a camera in software, in the camera's own time.
 
 mod faults;
-mod registration;
 mod infrared;
 mod jpeg;
+mod registration;
 mod transport;
 mod unplug;
 mod whole;
