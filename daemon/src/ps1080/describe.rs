@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use geometry::{DVec3, Intrinsics, Pose};
+use geometry::{Intrinsics, Pose};
 use ps1080::blocks::FixedField;
 use ps1080::color::ColorFormat;
 use ps1080::mode::Resolution;
@@ -128,7 +128,7 @@ fn color_from_depth(unit: &Unit, plan: &Plan) -> Pose {
     if is_one_view || !(0.0..100.0).contains(&distance_cm) {
         return Pose::IDENTITY;
     }
-    Pose::from_translation(DVec3::new(-distance_cm / 100.0, 0.0, 0.0))
+    sequence::nominal::color_from_depth(distance_cm / 100.0)
 }
 
 fn encoding_of(image: ImageMode) -> ColorEncoding {
