@@ -119,7 +119,7 @@ fn soak(recording: &str, output: &Path, seconds: &str) -> anyhow::Result<bool> {
     options.duration = Some(Duration::from_secs(seconds.parse()?));
     options.make_layer = Some(Box::new(|path: &Path| {
         Ok(Box::new(LateFile {
-            file: file_layer::create(path, WritePath::Auto)?,
+            file: file_layer::create(path, WritePath::default())?,
             disk: Late(Arc::new(Mutex::new(Instant::now() + STALL_EVERY / 2))),
         }))
     }));

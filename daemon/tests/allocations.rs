@@ -118,7 +118,7 @@ fn counts(input: &Path, fuse: Option<FuseOptions>) -> (Outcome, Vec<u64>) {
     let noted = Arc::clone(&counts);
     options.make_layer = Some(Box::new(move |path: &Path| {
         Ok(Box::new(Noting {
-            file: file_layer::create(path, WritePath::Auto)?,
+            file: file_layer::create(path, WritePath::default())?,
             counts: Arc::clone(&noted),
             seals: 0,
         }))

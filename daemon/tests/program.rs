@@ -260,7 +260,7 @@ fn a_small_disk_that_fills_up_holds_a_valid_file_and_code_3_lists_what_is_missin
         println!("skipped a_small_disk_that_fills_up…: no right to mount a tmpfs");
         return;
     };
-    for write_path in ["auto", "mapped", "pwrite"] {
+    for write_path in ["mapped", "pwrite"] {
         let output = disk.0.path().join("out.glint");
         let replay = format!("replay:{}?speed=max", input.display());
         let recorded = glintd(&[

@@ -66,7 +66,7 @@ impl CaptureOptions {
             source,
             output,
             depth_codec: DepthCodec::Fast,
-            write_path: WritePath::Auto,
+            write_path: WritePath::default(),
             reserve_bytes: None,
             rotation: Rotation::default(),
             pre_trigger: None,

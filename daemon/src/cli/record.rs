@@ -37,12 +37,10 @@ pub(super) enum DepthChoice {
 /// How bytes reach the disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum WriteChoice {
-    /// Mapped where reserved space is a promise, else pwrite.
-    Auto,
-    /// Into a map of the file.
-    Mapped,
     /// By pwrite calls.
     Pwrite,
+    /// Into a map of the file, where reserved space is a promise.
+    Mapped,
 }
 
 #[derive(Clone, Debug, Args)]
@@ -80,7 +78,7 @@ pub(super) struct RecordArgs {
     #[arg(long, value_enum)]
     pub(super) depth_codec: Option<DepthChoice>,
     /// How bytes reach the disk.
-    #[arg(long, value_enum, default_value = "auto")]
+    #[arg(long, value_enum, default_value = "pwrite")]
     write_path: WriteChoice,
     /// Free space that is left alone, MB (10^6 bytes). Default: 2147, or a minute of recording if that is more.
     #[arg(long, value_name = "MB")]
@@ -240,7 +238,6 @@ fn options_of(args: &RecordArgs, source: SourceSpec, output: PathBuf) -> Capture
             DepthChoice::Dense => DepthCodec::Dense,
         },
         write_path: match args.write_path {
-            WriteChoice::Auto => WritePath::Auto,
             WriteChoice::Mapped => WritePath::Mapped,
             WriteChoice::Pwrite => WritePath::Pwrite,
         },

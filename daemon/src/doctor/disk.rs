@@ -92,7 +92,7 @@ fn measure(
 ) -> anyhow::Result<Measured> {
     let layer = match make {
         Some(make) => make(path)?,
-        None => file_layer::create(path, WritePath::Auto)?,
+        None => file_layer::create(path, WritePath::default())?,
     };
     let id = FileId::random()?;
     let description = description()?;

@@ -89,7 +89,7 @@ where
     Box::new(
         move |path: &Path| -> Result<Box<dyn FileLayer>, SequenceError> {
             Ok(Box::new(Watched {
-                file: file_layer::create(path, WritePath::Auto)?,
+                file: file_layer::create(path, WritePath::default())?,
                 judge: make_judge(),
                 make_judge: make_judge.clone(),
             }))

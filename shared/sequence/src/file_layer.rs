@@ -46,13 +46,12 @@ pub trait Syncer: Send {
 /// How bytes reach the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum WritePath {
-    /// Mapped where `fallocate` is a promise (ext4, XFS), else `pwrite`.
+    /// `pwrite` calls: no fault for each page, nothing to be made read-only before it is written (docs/performance.md has
+    /// the figures).
     #[default]
-    Auto,
-    /// Stores into a map of the reserved space.
-    Mapped,
-    /// `pwrite` calls.
     Pwrite,
+    /// Stores into a map of the reserved space, where `fallocate` is a promise (ext4, XFS); elsewhere `pwrite`.
+    Mapped,
 }
 
 /// Creates `path`, which must not exist, and locks it for its writer.
@@ -74,12 +73,8 @@ pub fn layer_of(file: File, write_path: WritePath) -> Result<Box<dyn FileLayer>,
         Err(error) => return Err(SequenceError::Io(error.into())),
     }
     let file = LockedFile(file);
-    let mapped = match write_path {
-        WritePath::Auto => reservation_is_a_promise(&file)?,
-        WritePath::Mapped => true,
-        WritePath::Pwrite => false,
-    };
-    Ok(if mapped {
+    let is_mapped = write_path == WritePath::Mapped && reservation_is_a_promise(&file)?;
+    Ok(if is_mapped {
         Box::new(MappedFile {
             file,
             end: 0,
@@ -180,6 +175,9 @@ impl FileLayer for MappedFile {
     }
 
     fn begin_writing(&mut self, offset: u64, bytes: u64) {
+        // Pages that are mapped are made read-only one by one before they are written, and each time all processors are
+        // told; a map that is gone costs one such message.
+        self.window = None;
         forget(&self.file, offset, offset.saturating_add(bytes));
     }
 

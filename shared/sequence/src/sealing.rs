@@ -79,7 +79,10 @@ impl Sealer {
 
     fn ask(&mut self, layer: &mut dyn FileLayer, offset: u64, bytes: u64) {
         match &self.thread {
-            Some(thread) if self.is_beside => thread.ask(offset, bytes),
+            Some(thread) if self.is_beside => {
+                layer.begin_writing(offset, bytes);
+                thread.ask(offset, bytes);
+            }
             _ => self.answer = Some(uninterrupted(|| layer.sync(offset, bytes))),
         }
     }

@@ -85,7 +85,7 @@ impl RecordingWriter {
                 .permissions(Permissions::from_mode(0o666))
                 .tempfile_in(folder_of(path))?;
             let (file, beside) = part.into_parts();
-            let layer = file_layer::layer_of(file, WritePath::Auto)?;
+            let layer = file_layer::layer_of(file, WritePath::default())?;
             let mut writer = Self::on(layer, file_id, path, description, DiskLimits::default())?;
             writer.beside = Some(beside);
             Ok(writer)

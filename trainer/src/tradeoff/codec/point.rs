@@ -149,7 +149,12 @@ fn pass<'a>(
 ) -> anyhow::Result<[Lane<'a>; 2]> {
     let begin = |name: &str| {
         let path = desk.join(name);
-        RecordingWriter::create(&path, description, WritePath::Auto, DiskLimits::default())
+        RecordingWriter::create(
+            &path,
+            description,
+            WritePath::default(),
+            DiskLimits::default(),
+        )
     };
     let (mut of_point, mut of_reference) = (begin("point.glint")?, begin("reference.glint")?);
     let pair_count = point.input.depth.len();
