@@ -95,6 +95,63 @@ fn recordings_of_openni_are_what_its_player_delivers() {
     assert_eq!(frame_count, 50);
 }
 
+/// The JPEG pictures in a file, in its order: from a start of image in JFIF to the last end of image before the next.
+fn pictures(bytes: &[u8]) -> Vec<&[u8]> {
+    const START: [u8; 4] = [0xFF, 0xD8, 0xFF, 0xE0];
+    const END: [u8; 2] = [0xFF, 0xD9];
+    let starts = bytes.windows(4).enumerate();
+    let starts: Vec<usize> = starts
+        .filter_map(|(place, window)| (window == START).then_some(place))
+        .collect();
+    let ends = starts.iter().skip(1).copied().chain([bytes.len()]);
+    let until = starts.iter().zip(ends).filter_map(|(&start, next)| {
+        let within = &bytes[start..next];
+        let end = within.windows(2).rposition(|window| window == END)?;
+        Some(&within[..end + 2])
+    });
+    until.collect()
+}
+
+/// Levels of 255 by which our decoder may differ from libjpeg, which rounds its transform and its chroma otherwise: the
+/// most of any sample, and the mean.
+const JPEG_BOUND: (u8, f64) = (6, 0.4);
+
+#[test]
+fn our_decoder_sees_in_jpeg_what_libjpeg_sees() {
+    let Some(folder) = shared_oni() else {
+        println!("skipped: no recordings of OpenNI here");
+        return;
+    };
+    let made = tempfile::tempdir().unwrap();
+    let mut picture_count = 0;
+    for file in ["SampleONI.oni", "virtual-qvga-16zT-jpeg.oni"] {
+        let output = made.path().join(format!("{file}.glint"));
+        let source = format!("openni2:{}", folder.join(file).display());
+        assert_eq!(record(&source, &output, &[], None), 0, "{file}");
+        let recording = Recording::open(&output).unwrap();
+        let bytes = std::fs::read(folder.join(file)).unwrap();
+        let pictures = pictures(&bytes);
+        assert_eq!(
+            pictures.len(),
+            recording.contents().stream(COLOR_STREAM).len()
+        );
+        for (index, picture) in pictures.into_iter().enumerate() {
+            let ours = decode_jpeg(picture).unwrap();
+            let theirs = played(&recording, false, index);
+            let pairs = ours.pixels().as_flattened().iter().zip(&theirs);
+            let (most, sum) = pairs.fold((0, 0.0), |(most, sum), (one, other)| {
+                let difference = one.abs_diff(*other);
+                (difference.max(most), sum + f64::from(difference))
+            });
+            let mean = sum / theirs.len() as f64;
+            println!("{file} {index}: at most {most}, mean {mean:.3}");
+            assert!(most <= JPEG_BOUND.0 && mean <= JPEG_BOUND.1);
+            picture_count += 1;
+        }
+    }
+    assert_eq!(picture_count, 12);
+}
+
 #[test]
 fn a_camera_behind_the_driver_of_openni2_keeps_its_shifts() {
     let made = tempfile::tempdir().unwrap();
