@@ -230,34 +230,36 @@ impl<'status> Recorder<'status> {
 
     /// The frame, if it is to be recorded; else it is dropped.
     fn accept_depth(&mut self, frame: Box<DepthFrame>, has_room: bool) -> Option<Box<DepthFrame>> {
-        let cause = if frame.samples.len() != self.pixel_count {
-            GapCause::Corrupt
-        } else if has_room {
+        let is_whole = frame.samples.len() == self.pixel_count;
+        if self.accepts(DEPTH_STREAM, frame.times.number, is_whole, has_room) {
             return Some(frame);
-        } else {
-            GapCause::RingFull
-        };
-        self.drop_frame(DEPTH_STREAM, frame.times.number, cause);
+        }
         self.ends.depth_returns.give(frame);
         None
     }
 
     /// The frame, if it is to be recorded; else it is dropped.
     fn accept_color(&mut self, frame: Box<ColorFrame>, has_room: bool) -> Option<Box<ColorFrame>> {
-        let is_short = match self.color_bytes {
-            Some(bytes) => frame.bytes.len() != bytes,
-            None => frame.bytes.is_empty(),
+        let is_whole = match self.color_bytes {
+            Some(bytes) => frame.bytes.len() == bytes,
+            None => !frame.bytes.is_empty(),
         };
-        let cause = if is_short {
-            GapCause::Corrupt
-        } else if has_room {
+        if self.accepts(COLOR_STREAM, frame.times.number, is_whole, has_room) {
             return Some(frame);
-        } else {
-            GapCause::RingFull
-        };
-        self.drop_frame(COLOR_STREAM, frame.times.number, cause);
+        }
         self.ends.color_returns.give(frame);
         None
+    }
+
+    /// Whether a frame is to be recorded; one that is not is written down with its cause.
+    fn accepts(&mut self, stream: u16, number: u64, is_whole: bool, has_room: bool) -> bool {
+        let cause = match (is_whole, has_room) {
+            (true, true) => return true,
+            (true, false) => GapCause::RingFull,
+            (false, _) => GapCause::Corrupt,
+        };
+        self.drop_frame(stream, number, cause);
+        false
     }
 
     fn record_depth(&mut self, frame: &mut DepthFrame) -> Result<(), SequenceError> {

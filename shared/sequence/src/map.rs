@@ -84,7 +84,8 @@ impl WriteWindow {
         #[expect(unsafe_code, reason = "memory-mapped writing")]
         // SAFETY: the file is at least `end` long (checked above) and its blocks are reserved with fallocate,
         // so that touching a page does not raise SIGBUS for want of space; the exclusive lock keeps other
-        // writers of ours from cutting it. The memory is only ever written through `&mut self`.
+        // writers of ours from cutting it. The memory is only ever written through `&mut self`; another window over
+        // the same bytes, that of a `MappedSyncer`, is flushed and never read or written.
         let map = unsafe { MmapOptions::new().offset(start).len(bytes).map_mut(file) }?;
         // What is written is never read before: without this, each fault would read ahead.
         map.advise(memmap2::Advice::Random)?;
